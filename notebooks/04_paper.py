@@ -53,7 +53,7 @@ for row in [header, *rows]:
 #
 # Each statement is tested at its conditions, and counts from three standard errors on. Here are
 # three of them at D = 0.08, where the mass jumps between the wells. `harvester reproduce claims`
-# judges all.
+# tests all.
 
 # %%
 chosen = [
@@ -61,12 +61,12 @@ chosen = [
     for claim in CLAIMS
     if claim.says.endswith("rises with β") or "wider frequency band" in claim.sentence
 ]
-judgement = claims(scene, chosen=chosen)
-for claim, verdicts in zip(judgement.claims, judgement.verdicts, strict=True):
+statements = claims(scene, chosen=chosen)
+for claim, opinions in statements.opinions:
     print(claim.sentence)
     print(f"  tested: {claim.says}")
     for method in METHODS:
-        print(f"    {method:12} {verdicts[method].text()}")
+        print(f"    {method:12} {opinions[method].text()}")
 
 # %% [markdown]
 # ## Answer
@@ -75,13 +75,13 @@ for claim, verdicts in zip(judgement.claims, judgement.verdicts, strict=True):
 distances = {row[2]: row[7].lstrip("+") for row in rows if row[1].startswith("a")}
 held = [
     claim.says
-    for claim, verdicts in zip(judgement.claims, judgement.verdicts, strict=True)
-    if verdicts["monte-carlo"].word == "holds"
+    for claim, opinions in statements.opinions
+    if opinions["monte-carlo"].word == "holds"
 ]
 failed = [
     claim.says
-    for claim, verdicts in zip(judgement.claims, judgement.verdicts, strict=True)
-    if verdicts["monte-carlo"].word == "does not hold"
+    for claim, opinions in statements.opinions
+    if opinions["monte-carlo"].word == "does not hold"
 ]
 print(
     f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "

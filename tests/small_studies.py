@@ -52,8 +52,8 @@ def figure(**options):
     panel = replace(panel, first=0.02, last=0.1, quick=2, curves=panel.curves[:1])
     FIGURES["fig7"] = replace(FIGURES["fig7"], panels=(panel,))
     contents = reproduce.reproduce(PAPER, ["fig7"], quick=True, **options)
-    judgement = claims.claims(PAPER, chosen=[CLAIM], **options)
-    return [each.to_dict() for each in (*contents, judgement)]
+    statements = claims.claims(PAPER, chosen=[CLAIM], **options)
+    return [each.to_dict() for each in (*contents, statements)]
 
 
 def response(**options):

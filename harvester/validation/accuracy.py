@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from harvester.base.formatting import share_with_error
+from harvester.base.formatting import NOT_KNOWN, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
-from harvester.engines.request import relative_error
+from harvester.engines.request import Answer, relative_error
 from harvester.engines.simulate import require_noise
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
@@ -21,8 +22,8 @@ from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
     LIMITS,
-    Measured,
     MethodRow,
+    TotalError,
     is_reference,
     measure,
 )
@@ -41,8 +42,42 @@ LEAST_RATIO = 2.0
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 
-class Accuracy(Measured):
-    """Errors and run times of all methods on one scene."""
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors and run times of all methods on one scene.
+
+    Attributes
+    ----------
+    reference : ComparedMethod
+        The method from whose runs biases are measured.
+    answer : Answer
+        The reference's long run.
+    errors : dict of str to TotalError
+        Total errors of the reference, which hold no bias; of every quantity that is timed.
+    closures : dict of str to dict
+        For each closure that holds `quantities`, scaled, and `seconds`.
+    refused : dict of str to str
+        Closures that do not hold, with the reason.
+    exact_paths : str
+        Name of the solution from which strong errors are measured.
+    horizon : float
+        Length of the paths (s).
+    speeds : dict
+        `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
+        `machine` of all times.
+    """
+
+    scene: Scene
+    rows: list[MethodRow]
+    reference: ComparedMethod
+    answer: Answer
+    errors: dict[str, TotalError]
+    closures: dict
+    refused: dict
+    exact_paths: str
+    horizon: float
+    paths: int
+    speeds: dict
 
     @cached_property
     def orders(self) -> dict[str, dict[str, float]]:
@@ -59,11 +94,6 @@ class Accuracy(Measured):
                 orders[family][name] = float(np.polyfit(steps, errors, 1)[0])
         return orders
 
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """The quantities whose total errors are timed."""
-        return tuple(self.errors)
-
     def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); infinite without an error bar."""
         return self.answer.simulated_time * (self.sampling_error(VOLTAGE) / WANTED_ERROR) ** 2
@@ -77,49 +107,43 @@ class Accuracy(Measured):
         return row.seconds_per_unit * self.answer.simulated_time
 
     def deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's deviation from the reference as a share, with the reference's error."""
-        value = self.closures[closure]["quantities"][name].estimate
-        mean, share = self.answer.quantities[name].estimate, self.sampling_error(name)
-        error = share * value / mean if math.isfinite(share) else None
-        return Estimate(value / mean - 1.0, error, None, "1")
-
-    def total_deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's deviation from the reference, as a share with both errors."""
+        """A closure's deviation from the reference, as a share with the errors of both."""
         ours = self.closures[closure]["quantities"][name]
-        theirs = self.run.quantities()[name]
-        ratio = ours.estimate / theirs.estimate
-        errors = (ours.standard_error or 0.0), abs(ratio) * (theirs.standard_error or 0.0)
-        error = math.hypot(*(error / abs(theirs.estimate) for error in errors))
-        return Estimate(ratio - 1.0, error, None, "1")
+        ratio = ours.estimate / self.answer.quantities[name].estimate
+        errors = relative_error(ours), self.sampling_error(name)
+        error = abs(ratio) * math.hypot(*errors)
+        return Estimate(ratio - 1.0, error if math.isfinite(error) else None, None, "1")
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
         header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
         header += ["µs per unit"]
-        header += [
-            f"{SYMBOLS[name]} to {limit:.0%}" for name in self.quantities for limit in LIMITS
-        ]
+        header += [f"{SYMBOLS[name]} to {limit:.0%}" for name in self.errors for limit in LIMITS]
         rows = [self._cells(row) for row in self.rows]
         for closure, answer in self.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
             rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
-            for name in self.quantities:
-                size = abs(self.total_deviation(closure, name).estimate)
+            for name in self.errors:
+                size = abs(self.deviation(closure, name).estimate)
                 seconds = duration(answer["seconds"])
                 rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
         return header, rows
 
     def _cells(self, row):
         order = self.orders[row.method.family]["displacement"]
-        errors = [row.errors.get(name) for name in self.quantities]
+        errors = [row.errors.get(name) for name in self.errors]
         return [
             row.method.family,
-            row.method.setting(self.scene),
-            *(_number(row.strong[name], ".1e") for name in STATES),
-            f"{_number(order, '.2f')} ({row.method.order})",
+            row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
+            *(number(row.strong[name], 2) for name in STATES),
+            f"{number(order, 3)} ({row.method.order})",
             *(_percent(row.bias.get(name)) for name in MEANS),
-            _number(1e6 * row.seconds_per_unit, ".3g"),
-            *(reached(error, limit) if error else "—" for error in errors for limit in LIMITS),
+            number(1e6 * row.seconds_per_unit, 3),
+            *(
+                reached(error, limit) if error else NOT_KNOWN
+                for error in errors
+                for limit in LIMITS
+            ),
         ]
 
     def sentences(self) -> list[str]:
@@ -133,8 +157,7 @@ class Accuracy(Measured):
             "where these follow the restarts of a PWL run",
             f"bias: against {self.reference.family} ({self.reference.step(answer.scene):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
-            f"{answer.simulated_time / answer.realizations:g} s, brief runs for "
-            f"{'; '.join(self._brief_settings())}",
+            f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
             f"sampling error of the long run itself: {sampling}",
@@ -150,38 +173,29 @@ class Accuracy(Measured):
 
     def verdicts(self) -> list[str]:
         """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
-        fixed = [
+        rows = [
             row
             for row in self.rows
-            if row.method.engine == "circuit"
-            and row.method.source == "external"
-            and row.method.scheme == "trapezoidal"
+            if row.bias and (row.method.source, row.method.scheme) == ("external", "trapezoidal")
         ]
-        default = [row for row in fixed if row.method.refinement == 1]
-        lines = [f"the circuit's default step: {bias_verdict(row)}" for row in default if row.bias]
+        lines = [
+            f"{row.method.family}: the circuit's default step: {bias_verdict(row)}"
+            for row in rows
+            if row.method.refinement == 1
+        ]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
-        below = [
-            row
-            for row in fixed
-            if row.bias and not row.method.brief and set(_verdicts(row).values()) == {"below"}
+        steps = [
+            row.method.step(self.scene)
+            for row in rows
+            if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below"}
         ]
-        if below:
-            step = max(row.method.step(self.scene) for row in below)
-            return [*lines, f"longest step with every bias shown to be below 1 %: {step:g} s"]
+        if steps:
+            return [*lines, f"longest step with every bias shown to be below 1 %: {max(steps):g} s"]
         return [
             *lines,
             "this run is too short to show that any step keeps every bias below 1 %: raise "
             "run.duration, or take --thorough",
         ]
-
-    def _brief_settings(self):
-        """Families with their settings that had a shorter run, and its length."""
-        families: dict[str, list[str]] = {}
-        for row in self.rows:
-            if row.method.brief:
-                name = f"{row.method.family} ({row.simulated_time:g} s)"
-                families.setdefault(name, []).append(row.method.setting(self.scene))
-        return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
 
     def figure(self) -> Figure:
         from harvester.results import figures
@@ -190,42 +204,30 @@ class Accuracy(Measured):
         return figures.drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, by picture; NaN becomes null."""
-        speeds = self.speeds
-        work_precision = {
-            "scene": self.answer.scene.to_dict(),
-            "machine": speeds["machine"],
+        """Plain values for JSON; NaN becomes null."""
+        content = {
+            "scene": self.scene,
+            "machine": self.speeds["machine"],
             "strong": {"paths": self.paths, "duration": self.horizon, "orders": self.orders},
-            "reference": self.answer,
+            "reference": {
+                **self.answer.to_dict(),
+                "method": self.reference.family,
+                "errors": self.errors,
+            },
             "needed_time": self.needed_time(),
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
                     "seconds": answer["seconds"],
-                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
+                    "bias": {n: self.deviation(closure, n) for n in (*MEANS, *self.errors)},
                 }
                 for closure, answer in self.closures.items()
             },
             "refused": self.refused,
             "verdicts": self.verdicts(),
-            "throughput": {"rows": speeds["rows"], "ratios": ratios(speeds["rows"])},
+            "throughput": {"rows": self.speeds["rows"], "ratios": ratios(self.speeds["rows"])},
         }
-        time_to_accuracy = {
-            "scene": self.scene,
-            "quantities": self.quantities,
-            "reference": _line(self.reference, self.errors, self.run),
-            "methods": [_line(row.method, row.errors, row.run, row.note) for row in self.rows],
-            "closures": [
-                {
-                    "closure": closure,
-                    "seconds": answer["seconds"],
-                    "deviation": {n: self.total_deviation(closure, n) for n in self.quantities},
-                }
-                for closure, answer in self.closures.items()
-            ],
-            "refused": self.refused,
-        }
-        return plain({"work_precision": work_precision, "time_to_accuracy": time_to_accuracy})
+        return plain(content)
 
     def _entry(self, row):
         return {
@@ -233,21 +235,10 @@ class Accuracy(Measured):
             **fields_of(row),
             "setting": row.method.setting(self.scene),
             "longest_step": row.method.step(self.scene),
-            "bias": {name: estimate.to_dict("1") for name, estimate in row.bias.items()},
             "simulated_time": row.simulated_time,
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),
         }
-
-
-def _line(method, errors, run, note=""):
-    return {
-        "method": method.family,
-        "errors": errors,
-        "simulated_time": run.measured_time if run else 0.0,
-        "wall_seconds_per_second": run.cost if run else 0.0,
-        "note": note,
-    }
 
 
 @takes_scene
@@ -280,36 +271,30 @@ def accuracy(
     """
     require_noise(scene, "accuracy")
     with open_runner(**running) as runner:
-        return Accuracy(**vars(measure(scene, runner, thorough, methods)))
+        return Accuracy(**measure(scene, runner, thorough, methods))
 
 
 def bias_verdict(row: MethodRow) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
-        f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"
-        for name, verdict in _verdicts(row).items()
+        f"{SYMBOLS[name]} {_percent(bias)} ({_verdict(bias)})" for name, bias in row.bias.items()
     )
 
 
-def _verdicts(row):
-    """{mean: "below" or "above" 1 % beyond chance, or "not resolved"}."""
-    verdicts = {}
-    for name, bias in row.bias.items():
-        size, error = abs(bias.estimate), bias.standard_error
-        margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
-        verdicts[name] = "not resolved"
-        if size + margin <= WANTED_BIAS:
-            verdicts[name] = "below"
-        elif size - margin > WANTED_BIAS:
-            verdicts[name] = "above"
-    return verdicts
+def _verdict(bias):
+    """ "below" or "above" 1 % beyond chance, or "not resolved"."""
+    size, error = abs(bias.estimate), bias.standard_error
+    margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
+    if size + margin <= WANTED_BIAS:
+        return "below"
+    return "above" if size - margin > WANTED_BIAS else "not resolved"
 
 
 def reached(error: Any, limit: float) -> str:
-    """The wall time to a `TotalError`, as text."""
-    seconds = error.seconds_to(limit)
+    """The wall time to a `TotalError`, if there is one, as text."""
+    seconds = error.seconds_to(limit) if error else math.nan
     if not math.isfinite(seconds):
-        return "never" if math.isinf(seconds) else "—"
+        return "never" if math.isinf(seconds) else NOT_KNOWN
     return duration(seconds) + ("" if error.is_shown(limit) else " (?)")
 
 
@@ -321,13 +306,9 @@ def duration(seconds: float) -> str:
     return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
 
 
-def _number(value, form):
-    return format(value, form) if math.isfinite(value) else "—"
-
-
 def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
-        return "—"
+        return NOT_KNOWN
     if is_reference(estimate):
         return "reference"
     if estimate.standard_error is None:

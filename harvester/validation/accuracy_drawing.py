@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
-from harvester.results.panels import thin_ticks
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.validation import MEANS
 from harvester.validation.accuracy_measurement import LIMITS, is_reference
 
@@ -23,138 +23,109 @@ if TYPE_CHECKING:
 POINTS = 200
 # Smallest and largest error that is drawn, in percent.
 LEAST, GREATEST = 1e-2, 300.0
-# Opacity of a point without an error bar.
-FADED = 0.4
-TICKS = {1e-6: "1 µs", 1e-3: "1 ms", 1.0: "1 s", 60.0: "1 min", 3600.0: "1 h", 86400.0: "1 d"}
-SAMPLING = {"color": "0.3", "linewidth": 0.9, "linestyle": "-."}
-LABEL: dict[str, Any] = {"fontsize": 6.5, "zorder": 5}
-LABEL["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
+NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset points"}
+NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
+
+
+SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.3", "line": "-."}
 
 
 def draw(study: Any) -> Figure:
     """Draw an `Accuracy`: strong error and bias over run time, total error over wall time."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 6.6))
-    grid = figure.add_gridspec(6, 3, width_ratios=(1.0, 1.0, 1.15))
     marks = styles(row.method.group for row in study.rows)
-    _draw_strong_errors(figure.add_subplot(grid[:, 0]), study, marks)
-    axes: Any = None
-    for number, name in enumerate(MEANS):
-        axes = figure.add_subplot(grid[2 * number : 2 * number + 2, 1], sharex=axes)
-        _draw_biases(axes, study, name, marks)
-        axes.tick_params(labelbottom=name == MEANS[-1])
-    _label_seconds(axes, study)
-    for number, name in enumerate(study.quantities):
-        last = number == len(study.quantities) - 1
-        axes = figure.add_subplot(grid[3 * number : 3 * number + 3, 2])
-        _draw_total_errors(axes, study, name, marks)
-        axes.set_xlabel("wall time of one core" if last else "")
+    panels = [
+        _strong_errors(study, marks),
+        *(_biases(study, name, marks) for name in MEANS),
+        *(_total_errors(study, name, marks) for name in study.errors),
+    ]
     machine = study.speeds["machine"]
     load = study.scene.to_tables().get("load", {})
     device = study.scene.name + (f" with {load['netlist']}" if "netlist" in load else "")
-    figure.suptitle(
+    title = (
         f"{device}: error against run time, and the time to an error "
         f"({machine['date']}, {machine['cores']} cores)\n"
-        "bars and bands: two standard errors; hollow: Gear's formula; faded: no error bar; on the "
-        "right default settings, dashed where the bias is not known so well",
-        x=0.01,
-        ha="left",
-        fontsize=9,
+        "bars: two standard errors; hollow: Gear's formula; total errors are of default settings, "
+        "dashed where the bias is not known so well"
     )
-    _add_legend(figure, study, marks)
-    return figure
+    return draw_panels(panels, title, size=(3.5, 3.1))
 
 
-def _add_legend(figure, study, marks):
-    from matplotlib.lines import Line2D
+def _panel(series, x_label, y_label, title, named=()):
+    """Logarithmic axes that end a little beyond the data, with names beside some points."""
 
-    handles = []
-    for group, (colour, marker) in marks.items():
-        families = dict.fromkeys(r.method.family for r in study.rows if r.method.group == group)
-        theory = next(row.method.order for row in study.rows if row.method.group == group)
-        orders = [study.orders[family]["displacement"] for family in families]
-        found = ", ".join(f"{order:.1f}" for order in orders if math.isfinite(order))
-        label = f"{group}: order {found} ({theory})" if found else group
-        handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, label=label))
-    if study.closures:
-        handles.append(Line2D([], [], ls="none", color="0.4", marker="*", label="averaging"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
+    def cut(axes):
+        for column, set_limits in (("x", axes.set_xlim), ("y", axes.set_ylim)):
+            values = np.concatenate([getattr(drawn, column) for drawn in series])
+            values = values[np.isfinite(values) & (values > 0.0)]
+            if values.size:
+                set_limits(values.min() / 2.0, values.max() * 2.0)
+        for name, drawn in named:
+            axes.annotate(name, (drawn.x[0], drawn.y[0]), (6, 4), color=drawn.colour, **NAME)
 
-
-def _cut(axes, xs, ys):
-    """Logarithmic axes that end a little beyond the study."""
-    axes.set(xscale="log", yscale="log")
-    for values, set_limits in ((xs, axes.set_xlim), (ys, axes.set_ylim)):
-        finite = [value for value in values if math.isfinite(value) and value > 0.0]
-        if finite:
-            set_limits(min(finite) / 2.0, max(finite) * 2.0)
-    thin_ticks(axes)
+    return Panel(x_label, y_label, series, title, log_x=True, log_y=True, more=cut)
 
 
-def _mark(row, marks):
-    """Look of a method's points."""
+def _points(row, marks, x, y, **look):
+    """Points of a method, hollow with Gear's formula."""
     colour, marker = marks[row.method.group]
-    face = "white" if row.method.scheme == "gear" else colour
-    return {"color": colour, "marker": marker, "markersize": 4.5, "markerfacecolor": face}
+    hollow = np.full(len(x), row.method.scheme == "gear")
+    look = {"line": "", "size": 4.5, **look}
+    return Series(np.array(x), np.array(y), colour=colour, marker=marker, hollow=hollow, **look)
 
 
-def _label_seconds(axes, study):
-    axes.set_xlabel(f"core seconds for {study.answer.simulated_time:.3g} simulated ones")
+def _strong_errors(study, marks):
+    series = []
+    for group in marks:
+        rows = [row for row in study.rows if row.method.group == group]
+        families = dict.fromkeys(row.method.family for row in rows)
+        orders = [study.orders[family]["displacement"] for family in families]
+        measured = ", ".join(f"{order:.1f}" for order in orders if math.isfinite(order))
+        label = f"{group}: order {measured} ({rows[0].method.order})" if measured else group
+        for family in families:
+            ours = [row for row in rows if row.method.family == family]
+            errors = [row.strong["displacement"] for row in ours]
+            x = [study.run_seconds(row) for row in ours]
+            series.append(_points(ours[0], marks, x, errors, line="-", label=label))
+            label = None
+    title = f"strong error over {study.horizon:.3g} s, {study.paths} paths"
+    return _panel(series, _run_time(study), "RMS error of X [scaled]", title)
 
 
-def _draw_strong_errors(axes, study, marks):
-    for family in dict.fromkeys(row.method.family for row in study.rows):
-        rows = [row for row in study.rows if row.method.family == family]
-        seconds = [study.run_seconds(row) for row in rows]
-        axes.plot(seconds, [r.strong["displacement"] for r in rows], **_mark(rows[0], marks))
-    errors = [row.strong["displacement"] for row in study.rows]
-    _cut(axes, map(study.run_seconds, study.rows), errors)
-    axes.grid(alpha=0.2)
-    _label_seconds(axes, study)
-    axes.set_ylabel("RMS error of X [scaled]")
-    axes.set_title(f"strong error over {study.horizon:.3g} s, {study.paths} paths")
+def _run_time(study):
+    return f"core seconds for {study.answer.simulated_time:.3g} simulated ones"
 
 
-def _draw_biases(axes, study, name, marks):
-    """One mean's |bias| over run time, and what so long a run can show of it."""
-    points = [
-        (study.run_seconds(row), row.bias[name], _mark(row, marks))
-        for row in study.rows
-        if name in row.bias and not is_reference(row.bias[name])
-    ]
-    xs = [seconds for seconds, *_ in points]
-    ys = [_draw_point(axes, *point) for point in points]
-    for closure, answer in study.closures.items():
-        xs.append(answer["seconds"])
-        ys.append(_draw_closure(axes, closure, xs[-1], study.deviation(closure, name)))
-    level = 100.0 * study.sampling_error(name)
-    _cut(axes, xs, [*ys, level])
-    if math.isfinite(level):
-        axes.axhspan(axes.get_ylim()[0], level, color="0.5", alpha=0.12, lw=0)
-        axes.axhline(level, **SAMPLING)
-        look = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform(), **LABEL}
-        axes.text(0.99, level, "sampling error of the run", **look)
-    axes.set_ylabel("|bias| [%]")
-    axes.set_title(f"bias of {SYMBOLS[name]}")
-
-
-def _draw_point(axes, seconds, bias, look):
-    """A bias with its error bar; returns its size in percent."""
+def _in_percent(bias):
+    """Size of a bias and its error bar, each of shape (…, 1), within what is drawn."""
     size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
     size = min(max(size, LEAST), GREATEST)
-    opacity = 1.0 if reach else FADED
-    bars = [[min(reach, 0.999 * size)], [reach]]
-    axes.errorbar(seconds, size, bars, linestyle="none", elinewidth=0.8, alpha=opacity, **look)
-    return size
+    return np.array([size]), np.array([[min(reach, 0.999 * size)], [reach]])
 
 
-def _draw_closure(axes, closure, seconds, deviation):
-    look = {"color": LINES[closure][0], "marker": CLOSURE_MARKERS[closure], "markersize": 7}
-    size = _draw_point(axes, seconds, deviation, look)
-    look = {"textcoords": "offset points", "color": LINES[closure][0], **LABEL}
-    axes.annotate(closure, (seconds, size), (6, 4), **look)
-    return size
+def _closures(study, deviation):
+    """(name, point) of every closure."""
+    named = []
+    for closure, answer in study.closures.items():
+        y, bars = _in_percent(deviation(closure))
+        colour, marker = LINES[closure][0], CLOSURE_MARKERS[closure]
+        x = np.array([answer["seconds"]])
+        named.append((closure, Series(x, y, None, colour, "", marker, bars, size=7.0)))
+    return named
+
+
+def _biases(study, name, marks):
+    """One mean's |bias| over run time, and what so long a run can show of it."""
+    series = []
+    for row in study.rows:
+        if name in row.bias and not is_reference(row.bias[name]):
+            y, bars = _in_percent(row.bias[name])
+            series.append(_points(row, marks, [study.run_seconds(row)], y, bars=bars))
+    named = _closures(study, lambda closure: study.deviation(closure, name))
+    series += [drawn for _, drawn in named]
+    seconds = [drawn.x[0] for drawn in series] or [1.0]
+    level = np.full(2, 100.0 * study.sampling_error(name))
+    series.append(Series(np.array([min(seconds), max(seconds)]), level, **SAMPLING))
+    return _panel(series, _run_time(study), "|bias| [%]", f"bias of {SYMBOLS[name]}", named)
 
 
 def _defaults(rows):
@@ -166,54 +137,29 @@ def _defaults(rows):
     return list(first.values())
 
 
-def _draw_total_errors(axes, study, name, marks):
+def _total_errors(study, name, marks):
+    """Total error over wall time: solid where the bias is known below it, marked at the limits."""
     rows = [row for row in _defaults(study.rows) if math.isfinite(row.errors[name].resolved_bias)]
     errors = [*(row.errors[name] for row in rows), study.errors[name]]
     times = [error.seconds_to(limit) for error in errors for limit in LIMITS]
     times += [answer["seconds"] for answer in study.closures.values()]
     times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
-    seconds = np.geomspace(min(times) / 3.0, max(times) * 3.0, POINTS)
+    seconds = np.geomspace(min(times), max(times), POINTS)
+    named = _closures(study, lambda closure: study.deviation(closure, name))
+    series = [drawn for _, drawn in named]
     for row in rows:
-        _draw_line(axes, row.errors[name], seconds, _mark(row, marks))
-    # What is below the smallest of these errors is of no interest.
-    sizes = [100.0 * limit for limit in LIMITS]
-    for closure, answer in study.closures.items():
-        deviation = study.total_deviation(closure, name)
-        sizes.append(_draw_closure(axes, closure, answer["seconds"], deviation))
-    for limit in LIMITS:
-        axes.axhline(100.0 * limit, color="0.7", linewidth=0.8, zorder=0)
-    _cut(axes, seconds, sizes)
+        error, colour = row.errors[name], marks[row.method.group][0]
+        total = 100.0 * error.after(seconds)
+        known = error.bias.estimate == error.bias.standard_error == 0.0
+        uncertainty = 0.0 if known else 200.0 * (error.bias.standard_error or math.inf)
+        for line, shown in (("-", total >= uncertainty), ("--", total < uncertainty)):
+            series.append(Series(seconds, np.where(shown, total, np.nan), None, colour, line))
+        read = [(error.seconds_to(limit), 100.0 * limit) for limit in LIMITS]
+        read = [point for point in read if point[0] < math.inf]
+        series.append(_points(row, marks, *np.reshape(read, (-1, 2)).T))
+    # What is below the smallest limit is of no interest.
     sampling = 100.0 * study.errors[name].after(seconds)
-    axes.plot(seconds, sampling, zorder=1, **SAMPLING)
-    line = {"arrowstyle": "-", "color": "0.3", "linewidth": 0.6}
-    k = int(np.argmin(np.abs(sampling - 200.0 * LIMITS[-1])))
-    look = {"textcoords": "axes fraction", "arrowprops": line, **LABEL}
-    axes.annotate(
-        "sampling error alone\n(reference)", (seconds[k], sampling[k]), (0.02, 0.05), **look
-    )
-    axes.set_yticks([1.0, 3.0, 10.0, 100.0], ["1", "3", "10", "100"])
-    ticks = {at: text for at, text in TICKS.items() if seconds[0] <= at <= seconds[-1]}
-    axes.set_xticks(list(ticks), list(ticks.values()))
-    axes.tick_params(which="minor", labelbottom=False, labelleft=False)
-    axes.set_ylabel("total error [%]")
-    axes.set_title(f"√(bias² + sampling variance) of {SYMBOLS[name]}")
-
-
-def _draw_line(axes, error, seconds, look):
-    """Solid where the bias is known below the total error, dashed beyond; markers at the limits."""
-    total = 100.0 * error.after(seconds)
-    known = error.bias.estimate == error.bias.standard_error == 0.0
-    uncertainty = 0.0 if known else 2.0 * (error.bias.standard_error or math.inf)
-    solid = total >= 100.0 * min(uncertainty, 1e3)
-    colour = look["color"]
-    axes.plot(seconds, np.where(solid, total, np.nan), color=colour)
-    axes.plot(seconds, np.where(solid, np.nan, total), color=colour, linestyle=(0, (2, 2)))
-    if abs(error.bias.estimate) > uncertainty:
-        sampling = 1e4 * error.scatter**2 * error.cost / seconds
-        ends = abs(error.bias.estimate) - uncertainty, error.largest_bias
-        low, high = (np.sqrt(sampling + (100.0 * end) ** 2) for end in ends)
-        axes.fill_between(seconds, low, high, color=colour, alpha=0.08, linewidth=0)
-    times = [error.seconds_to(limit) for limit in LIMITS]
-    read = [(at, 100.0 * limit) for at, limit in zip(times, LIMITS, strict=True) if at < math.inf]
-    if read:
-        axes.plot(*zip(*read, strict=True), linestyle="none", **look)
+    shown = sampling >= 100.0 * LIMITS[-1]
+    series.append(Series(seconds[shown], sampling[shown], **SAMPLING))
+    title = f"√(bias² + sampling variance) of {SYMBOLS[name]}"
+    return _panel(series, "wall time of one core [s]", "total error [%]", title, named)

@@ -12,7 +12,6 @@ of one processor, which is the wall time on a machine that does nothing else.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.engines.realizations import averages
 from harvester.engines.request import (
-    Answer,
     Request,
     answers_before_failure,
     relative_error,
@@ -102,9 +100,7 @@ class Timed:
     """
 
     def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
-        self.moments: list[Moments] = [
-            moments for answer in answers for moments in answer["moments"]
-        ]
+        self.moments: list[Moments] = [m for answer in answers for m in answer["moments"]]
         self.measured_time = _measured_time(self.moments)
         self.simulated_time = sum(moments.time_reached for moments in self.moments)
         self.seconds = sum(answer["seconds"] for answer in answers)
@@ -116,13 +112,9 @@ class Timed:
         """Estimates from all realizations, or from the first few."""
         moments = self.moments[:count]
         if len(moments) not in self._estimates:
-            estimates = estimate_all(moments, self._system) | estimate_output(moments)
-            self._estimates[len(moments)] = estimates
+            estimates = estimate_all(moments, prepared(self.scene).system)
+            self._estimates[len(moments)] = estimates | estimate_output(moments)
         return self._estimates[len(moments)]
-
-    @cached_property
-    def _system(self):
-        return prepared(self.scene).system
 
 
 def _measured_time(moments):
@@ -158,12 +150,6 @@ class TotalError:
             return math.nan
         return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
 
-    @property
-    def largest_bias(self) -> float:
-        """Upper bound of |bias|: two standard errors above it; infinite without an error bar."""
-        error = self.bias.standard_error
-        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
-
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
         """Total error after a wall time; `seconds` a float or an array of any shape."""
         return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
@@ -176,8 +162,9 @@ class TotalError:
         return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
 
     def is_shown(self, limit: float) -> bool:
-        """Whether even the upper bound of the bias is within this error."""
-        return self.largest_bias <= limit
+        """Whether |bias| is within this error even `BIAS_SIGMAS` standard errors above it."""
+        error = self.bias.standard_error
+        return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, with what is read off at each of `LIMITS`."""
@@ -185,6 +172,7 @@ class TotalError:
             "bias": self.bias.estimate,
             "standard_error": self.bias.standard_error,
             "scatter": self.scatter,
+            "wall_seconds_per_second": self.cost,
             "seconds_to": {f"{limit:g}": self.seconds_to(limit) for limit in LIMITS},
             "shown": {f"{limit:g}": self.is_shown(limit) for limit in LIMITS},
         }
@@ -252,9 +240,9 @@ class MethodRow:
     note: str = ""
     mean_step: float = math.nan
     strong: dict = field(default_factory=dict, metadata=key("strong_error"))
-    bias: dict = field(default_factory=dict, metadata=LEFT_OUT)
+    bias: dict = field(default_factory=dict)
     sampling: dict = field(default_factory=dict, metadata=key("sampling_error"))
-    errors: dict = field(default_factory=dict, metadata=LEFT_OUT)
+    errors: dict = field(default_factory=dict)
 
     @property
     def simulated_time(self) -> float:
@@ -267,51 +255,10 @@ class MethodRow:
         return self.run.seconds / self.run.simulated_time if self.run else math.nan
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Measured errors and times of every method on one scene.
-
-    Attributes
-    ----------
-    reference : ComparedMethod
-        The method from whose runs biases are measured.
-    run : Timed
-        The reference's long run.
-    answer : Answer
-        The same with its evidence.
-    errors : dict of str to TotalError
-        Total errors of the reference, which hold no bias.
-    closures : dict of str to dict
-        For each closure that holds `quantities`, scaled, and `seconds`.
-    refused : dict of str to str
-        Closures that do not hold, with the reason.
-    exact_paths : str
-        Name of the solution from which strong errors are measured.
-    horizon : float
-        Length of the paths (s).
-    speeds : dict
-        `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
-        `machine` of all times.
-    """
-
-    scene: Scene
-    rows: list[MethodRow]
-    reference: ComparedMethod
-    run: Timed
-    answer: Answer
-    errors: dict[str, TotalError]
-    closures: dict
-    refused: dict
-    exact_paths: str
-    horizon: float
-    paths: int
-    speeds: dict
-
-
 def measure(
     scene: Scene, runner: Runner, thorough: bool, methods: Sequence[ComparedMethod] | None
-) -> Measured:
-    """Measure the methods by paths, and by the means of the scene's own run.
+) -> dict[str, Any]:
+    """Measure the methods by paths, and by the means of the scene's run: fields of `Accuracy`.
 
     Parameters
     ----------
@@ -364,11 +311,10 @@ def measure(
         _row(method, run, errors, references[method.brief], answer, scatter)
         for method, run, errors in zip(methods, runs, strong, strict=True)
     ]
-    return Measured(
+    return dict(
         scene=scene,
         rows=rows,
         reference=reference,
-        run=exact,
         answer=answer,
         errors={name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()},
         closures=averaged,
@@ -441,31 +387,29 @@ def _short_scene(scene, paths):
 
 def _exact_paths(scene, with_load, runner):
     """The states that errors are deviations of, shape (realizations, knots, 3)."""
-    paths = range(scene.run.realizations)
     if with_load:
-        tasks = [
-            realizations_task(scene, LOAD_PATHS, [index], runner, paths_at_knots) for index in paths
-        ]
-        return np.concatenate([answer["states"] for answer in _there(runner.run(tasks))])
-    tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in paths]
+        [outcomes] = _answers([(scene, LOAD_PATHS, 1)], runner, paths_at_knots)
+        return np.concatenate([answer["states"] for answer in _there(outcomes)])
+    indices = range(scene.run.realizations)
+    tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in indices]
     return np.array(_there(runner.run(tasks)))
 
 
 def _strong_errors(scene, methods, exact, runner):
     """Mean step (s) and RMS error of each state of every method."""
-    together, alone = [range(len(exact))], [[index] for index in range(len(exact))]
-    groups = [
-        [
-            realizations_task(scene, method, indices, runner, paths_at_knots)
-            for indices in (together if method.copies is None else alone)
-        ]
-        for method in methods
-    ]
     spacing = knot_spacing(prepared(scene))
-    return [_strong_error(spacing, outcomes, exact) for outcomes in _answers(groups, runner)]
+    calls = [(scene, method, method.copies or len(exact)) for method in methods]
+    answers = _answers(calls, runner, paths_at_knots)
+    return [_strong_error(spacing, outcomes, exact) for outcomes in answers]
 
 
-def _answers(groups, runner):
+def _answers(calls, runner, function):
+    """Outcomes of the tasks of each call: a scene, a method and the realizations of a task."""
+    groups = []
+    for scene, method, size in calls:
+        indices = range(scene.run.realizations)
+        parts = [indices[first : first + size] for first in indices[::size]]
+        groups.append([realizations_task(scene, method, part, runner, function) for part in parts])
     outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
     return [[next(outcomes) for _ in tasks] for tasks in groups]
 
@@ -483,17 +427,12 @@ def _strong_error(spacing, outcomes, exact):
 
 def _runs(scenes, methods, runner):
     """Each method's run for the means, or why there is none; `scenes` by `ComparedMethod.brief`."""
-    groups = []
-    for method in methods:
-        scene = scenes[method.brief]
-        size, count = method.together(scene), scene.run.realizations
-        parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
-        groups.append([realizations_task(scene, method, part, runner) for part in parts])
+    calls = [(scenes[m.brief], m, m.together(scenes[m.brief])) for m in methods]
     runs: list[Timed | str] = []
-    for method, outcomes in zip(methods, _answers(groups, runner), strict=True):
+    for (scene, *_), outcomes in zip(calls, _answers(calls, runner, timed), strict=True):
         good, ended = answers_before_failure(outcomes)
         reason = told(ended) if isinstance(ended, HarvesterError) else ended
-        runs.append(reason or Timed(scenes[method.brief], good))
+        runs.append(reason or Timed(scene, good))
     return runs
 
 
@@ -531,7 +470,7 @@ def realizations_task(
     method: ComparedMethod,
     indices: Sequence[int],
     runner: Runner,
-    function: Callable = timed,
+    function: Callable,
 ) -> Task:
     """The task of some realizations that run together; `function` takes what `timed` takes."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}

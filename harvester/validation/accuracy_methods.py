@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines import side_by_side
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import entries
+from harvester.validation.paths import longest_step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -49,8 +49,7 @@ class ComparedMethod:
 
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
-        model = prepared(scene)
-        return knot_spacing(model) / (steps_per_sample(model, engine=self.engine) * self.refinement)
+        return longest_step(scene, "default", self.engine) / self.refinement
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""

@@ -93,52 +93,49 @@ def opinion_of(findings: Sequence[Finding]) -> Opinion:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """All statements with what each method says of them; `harvester reproduce claims` shows it.
+class ReproducedStatements:
+    """All statements with the opinion of each method; `harvester reproduce claims` shows it.
 
     Attributes
     ----------
-    verdicts : list of dict of str to Opinion
-        Verdicts of each claim, by method.
+    opinions : list of (Claim, dict of str to Opinion)
+        Opinions on each statement, by method.
     answers : dict of (str, Changes) to Answer, HarvesterError or None
         Answers by method and changes of the scene.
     """
 
     scene: Scene
-    claims: tuple[Claim, ...]
-    verdicts: list[dict[str, Opinion]]
+    opinions: list[tuple[Claim, dict[str, Opinion]]]
     answers: dict
     thorough: bool
     wall_seconds: float
     name = "claims"
 
-    @property
-    def opinions(self) -> list[tuple[Claim, dict[str, Opinion]]]:
-        return list(zip(self.claims, self.verdicts, strict=True))
-
     def table(self) -> tuple[list[str], list[list[str]]]:
         header = ["section", "statement", *METHODS]
-        return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.opinions]
+        return header, [[c.section, c.says, *_texts(opinions)] for c, opinions in self.opinions]
 
     def sentences(self) -> list[str]:
-        return [line for lines in self._details().values() for line in lines]
+        details = self._details().items()
+        return [f"{says}: {line}" if says else line for says, lines in details for line in lines]
 
     def _details(self):
         """Sentences by the statement that they are about, "" for those on the whole."""
         details: dict[str, list[str]] = {}
-        for claim, verdicts in self.opinions:
-            for method, verdict in verdicts.items():
-                if verdict.word not in (HOLDS, UNTESTED):
-                    line = f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
-                    details.setdefault(claim.says, []).append(line)
-        for claim, verdicts in self.opinions:
-            parted = disagreements(verdicts)
-            if parted:
-                pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
-                details.setdefault(claim.says, []).append(
-                    f"{claim.says}: the printed formulas (paper) and simulation of the printed "
-                    f"equations (monte-carlo) disagree: {'; '.join(pairs)}"
+        for claim, opinions in self.opinions:
+            lines = [
+                f"{method} {opinion.word}: {opinion.where()}"
+                for method, opinion in opinions.items()
+                if opinion.word not in (HOLDS, UNTESTED)
+            ]
+            pairs = [f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in disagreements(opinions)]
+            if pairs:
+                lines.append(
+                    "the printed formulas (paper) and simulation of the printed equations "
+                    f"(monte-carlo) disagree: {'; '.join(pairs)}"
                 )
+            if lines:
+                details[claim.says] = lines
         lines = [
             f"{method} refused at {name_of(changes)}: {reason(outcome)}"
             for (method, changes), outcome in self.answers.items()
@@ -158,25 +155,24 @@ class Judgement:
     def markdown(self) -> str:
         """The table with the sentences quoted, and the details, one fold for each statement."""
         header = ["section", "sentence", "tested", *METHODS]
-        rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.opinions]
-        details = self._details()
-        plain_lines = "".join(f"- {line}\n" for line in details.pop(""))
-        folds = "\n".join(
-            f"<details><summary>{says}</summary>\n\n"
-            + "".join(f"- {line.removeprefix(f'{says}: ')}\n" for line in lines)
-            + "\n</details>\n"
+        rows = [[c.section, c.sentence, c.says, *_texts(opinions)] for c, opinions in self.opinions]
+        details = {
+            says: "\n".join(f"- {line}" for line in v) for says, v in self._details().items()
+        }
+        parts = [markdown_table([header, *rows]), details.pop("")]
+        parts.append("## Where a statement does not simply hold")
+        parts += [
+            f"<details><summary>{says}</summary>\n\n{lines}\n\n</details>"
             for says, lines in details.items()
-        )
-        head = f"{markdown_table([header, *rows])}\n\n{plain_lines}"
-        return f"{head}\n## Where a statement does not simply hold\n\n{folds}"
+        ]
+        return "\n\n".join(parts) + "\n"
 
     def figure(self) -> None:
         """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
-        names = ("where", "paper", "monte-carlo")
-        return {
-            "scene": self.scene.to_dict(),
+        content = {
+            "scene": self.scene,
             "seed": self.scene.run.seed,
             "thorough": self.thorough,
             "wall_seconds": self.wall_seconds,
@@ -185,29 +181,30 @@ class Judgement:
                 {
                     **fields_of(claim),
                     "conditions": [dict(condition) for condition in claim.conditions],
-                    "verdicts": plain(verdicts),
+                    "verdicts": opinions,
                     "disagreements": [
-                        plain(dict(zip(names, disagreement, strict=True)))
-                        for disagreement in disagreements(verdicts)
+                        {"where": where, "paper": printed, "monte-carlo": simulated}
+                        for where, printed, simulated in disagreements(opinions)
                     ],
                 }
-                for claim, verdicts in self.opinions
+                for claim, opinions in self.opinions
             ],
             "points": [
                 {"method": method, "changes": dict(changes), **told_of(outcome)}
                 for (method, changes), outcome in self.answers.items()
             ],
         }
+        return plain(content)
 
 
-def _texts(verdicts):
-    return [verdicts[method].text() for method in METHODS]
+def _texts(opinions):
+    return [opinions[method].text() for method in METHODS]
 
 
-def disagreements(verdicts: dict[str, Opinion]) -> list[tuple[str, float, float]]:
+def disagreements(opinions: dict[str, Opinion]) -> list[tuple[str, float, float]]:
     """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
-    simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
-    pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
+    simulated = {f.where: f for f in opinions["monte-carlo"].findings}
+    pairs = [(f, simulated[f.where]) for f in opinions["paper"].findings if f.where in simulated]
     return [
         (printed.where, printed.effect, counterpart.effect)
         for printed, counterpart in pairs
@@ -223,8 +220,8 @@ def claims(
     thorough: bool = False,
     chosen: Sequence[Claim] = CLAIMS,
     **running: Unpack[RunnerOptions],
-) -> Judgement:
-    """Judge the paper's statements on its device.
+) -> ReproducedStatements:
+    """Test the paper's statements on its device.
 
     Parameters
     ----------
@@ -242,8 +239,9 @@ def claims(
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {point: outcomes[request] for point, request in request_of_point.items()}
-    verdicts = [{m: _opinion(scene, claim, m, answers) for m in METHODS} for claim in chosen]
-    return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
+    found = {point: answer for point, answer in answers.items() if answered(answer)}
+    opinions = [(claim, {m: _opinion(scene, claim, m, found) for m in METHODS}) for claim in chosen]
+    return ReproducedStatements(scene, opinions, answers, thorough, time.perf_counter() - clock)
 
 
 def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> dict:
@@ -280,22 +278,15 @@ def _changes_of(claim, method, thorough):
 
 def _opinion(scene, claim, method, answers):
     test = claim.test
+    if test.of_orbits and method != "paper":
+        return Opinion(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
     if test.of_orbits:
-        if method != "paper":
-            return Opinion(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
         return opinion_of(test.findings(scene))
     if test.compares and method == "monte-carlo":
         return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
-
-    def reading(of):
-        def read(changes):
-            answer = answers.get((of, tuple(sorted(changes))))
-            return answer if answered(answer) else None
-
-        return read
-
-    read = [reading(method), *([reading("monte-carlo")] if test.compares else [])]
-    findings = [f for condition in claim.conditions for f in test.findings(condition, *read)]
+    methods = (method, "monte-carlo") if test.compares else (method,)
+    reads = [lambda changes, m=m: answers.get((m, tuple(sorted(changes)))) for m in methods]
+    findings = [f for condition in claim.conditions for f in test.findings(condition, *reads)]
     if not findings:
         return Opinion(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
     return opinion_of(findings)

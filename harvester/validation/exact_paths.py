@@ -125,19 +125,13 @@ class Equations:
 
     def _changes(self):
         """The events that end or begin a contact, one for each stopper; None without any."""
-
-        def change(side, gap, touching):
-            def depth(time, state, *_):
-                return side * state[0] - gap
-
+        events: list[Any] = []
+        for (side, gap, _), touching in zip(self._stoppers, self._touching, strict=True):
             # `solve_ivp` expects attributes on the function of an event.
-            event: Any = depth
-            event.terminal = True
-            event.direction = -1.0 if touching else 1.0
-            return event
-
-        stoppers = zip(self._stoppers, self._touching, strict=True)
-        return [change(side, gap, touching) for (side, gap, _), touching in stoppers] or None
+            events.append(lambda _, state, *__, side=side, gap=gap: side * state[0] - gap)
+            events[-1].terminal = True
+            events[-1].direction = -1.0 if touching else 1.0
+        return events or None
 
     def _derivative(self, time, state, noise, slope):
         """Right-hand side within one segment of the noise."""

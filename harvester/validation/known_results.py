@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
+from harvester.base.errors import ProgramNotFound
 from harvester.device import timescales
 from harvester.engines.request import Request
 from harvester.engines.task import Task
@@ -28,12 +29,9 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation import SIGNIFICANT_SIGMAS, entries, formulas, tasks
 
-# A run on a measured device settles for this number of the device's time constants, and averages
-# this number of periods.
-SETTLING, PERIODS = 12.0, 100.0
-# The rectifier's storage discharges to 1/e in 10 periods, and its runs settle for 260. The paper
-# does not state the storage; the ripple of this one costs less than 0.1 % of the power.
-STORED, RECTIFIED = 10.0, 260.0
+# Periods that a measured device's run averages; a rectifier's storage discharges to 1/e in 10. The
+# paper does not state the storage; the ripple of this one costs less than 0.1 % of the power.
+PERIODS, STORED = 100.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +45,9 @@ class Truth:
     allowance : float
         How far off the simulated device may be because it is not quite that of the result
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
-    asked : dict of str to Request or Task
-        What to compute by each method; a task returns (value, standard error).
+    asked : dict of str to Request, Task or ProgramNotFound
+        What to compute by each method; a task returns (value, standard error). For a set that was
+        not downloaded: how to get it.
     quantity : str
         Quantity of an answer, in the scene's units.
     device : str
@@ -59,7 +58,7 @@ class Truth:
     source: str
     exact: float
     allowance: float
-    asked: dict[str, Request | Task]
+    asked: dict[str, Request | Task | ProgramNotFound]
     quantity: str = ""
     unit: str = "scaled"
     device: str = ""
@@ -67,7 +66,8 @@ class Truth:
 
 def catalogue() -> list[Truth]:
     """All results that were derived, published or computed by other programs."""
-    return [truth for entry in entries("known_results")["result"] for truth in _results(entry)]
+    results = entries("known_results")["result"]
+    return [_truth(entry, case) for entry in results for case in entry.get("each", [{}])]
 
 
 def measured() -> list[Truth]:
@@ -76,44 +76,44 @@ def measured() -> list[Truth]:
     return [*points, *downloaded()]
 
 
-def _by(scene, methods):
-    return {method: Request(scene, method) for method in methods}
+def _truth(entry, case):
+    """The truth of one case of an entry, whose keys add to the entry's."""
+    tables = ("changes", "arguments", "settings")
+    values = entry | case | {name: entry.get(name, {}) | case.get(name, {}) for name in tables}
+    base, changes = values["scene"], values["changes"].items()
+    scene: Any = (
+        Scene.read(base) if isinstance(base, str) else Scene.from_tables(base, name="unit device")
+    )
+    scene = scene.replace({key: None if value == "none" else value for key, value in changes})
+    exact = values["exact"] if "exact" in values else _by_formula(values, scene)
+    share = values.get("within", 0.0) + _lost(values, scene)
+    return Truth(
+        title=values["title"] + values.get("case", ""),
+        source=values["source"],
+        exact=exact,
+        allowance=values.get("allowance", share * exact),
+        asked={method: _question(values, scene, method) for method in values["by"]},
+        quantity=values.get("quantity", ""),
+        unit=values.get("unit", "scaled"),
+        device=values.get("device", ""),
+    )
 
 
-def _results(entry):
-    """The truths of one `result`, one for each of its cases."""
-    for case in entry.get("each", [{}]):
-        values = {**entry, **case}
-        changes, arguments, settings = (
-            {**entry.get(name, {}), **case.get(name, {})}
-            for name in ("changes", "arguments", "settings")
-        )
-        base, quantity = values["scene"], values.get("quantity", "")
-        scene: Any = (
-            Scene.read(base)
-            if isinstance(base, str)
-            else Scene.from_tables(base, name="unit device")
-        )
-        scene = scene.replace({key: None if v == "none" else v for key, v in changes.items()})
-        asked: dict[str, Any] = _by(scene, values["by"])
-        for method in asked:
-            if "task" in values:
-                call = {"scene": scene, "engine": method, **settings}
-                asked[method] = Task(getattr(tasks, values["task"]), call, label=values["task"])
-            elif "among" in values:
-                keys, cases = values["among"].keys(), itertools.product(*values["among"].values())
-                scenes = [scene.replace(dict(zip(keys, case, strict=True))) for case in cases]
-                call = {"scenes": scenes, "engine": method, "quantity": quantity}
-                limits = len(scenes)
-                asked[method] = Task(tasks.highest, call, label="highest", time_limits=limits)
-        exact = values["exact"] if "exact" in values else _by_formula(values, arguments, scene)
-        share = values.get("within", 0.0) + _lost(values, scene)
-        allowance, unit = values.get("allowance", share * exact), values.get("unit", "scaled")
-        title = values["title"] + values.get("case", "")
-        yield Truth(title, values["source"], exact, allowance, asked, quantity, unit)
+def _question(values, scene, method):
+    """What one method is asked: a mean of a run, the largest of several, or a task."""
+    if "among" in values:
+        keys, ranges = zip(*values["among"].items(), strict=True)
+        cases = itertools.product(*ranges)
+        scenes = [scene.replace(dict(zip(keys, case, strict=True))) for case in cases]
+        call = {"scenes": scenes, "engine": method, "quantity": values["quantity"]}
+        return Task(tasks.highest, call, label="highest", time_limits=len(scenes))
+    if "task" in values:
+        call = {"scene": scene, "engine": method, **values["settings"]}
+        return Task(getattr(tasks, values["task"]), call, label=values["task"])
+    return Request(scene, method)
 
 
-def _by_formula(values, arguments, scene):
+def _by_formula(values, scene):
     """The number by a formula, whose arguments are numbers or keys of the scene."""
     tables = scene.to_tables()
 
@@ -123,7 +123,7 @@ def _by_formula(values, arguments, scene):
         return functools.reduce(operator.getitem, value.split("."), tables)
 
     formula = getattr(formulas, values["formula"])
-    return formula(**{name: number(value) for name, value in arguments.items()})
+    return formula(**{name: number(value) for name, value in values["arguments"].items()})
 
 
 def _lost(values, scene):
@@ -142,46 +142,21 @@ def _lost(values, scene):
 
 def points_of(device: dict[str, Any]) -> Iterator[Truth]:
     """The known results of a measured device, one for each of its points."""
+    rectified = "netlist" in device["scene"]["load"]
     for frequency, (resistances, powers) in device["series"].items():
         share = device["reading"] + SIGNIFICANT_SIGMAS * scatter_of(device, frequency)
         for kilo, published in zip(resistances, powers, strict=True):
-            power, title = device["scale"] * published, f"{device['name']}, {frequency} Hz"
-            scene = _measured_scene(device, float(frequency), 1e3 * kilo, power)
-            quantity = "mean_output_power" if "netlist" in device else "mean_power"
-            asked = _by(scene, device["by"])
-            yield Truth(
-                f"{title}, {kilo:g} kΩ", device["source"], power, share * power, asked, quantity,
-                "W", device["name"],
-            )  # fmt: skip
-
-
-def _measured_scene(device, frequency, resistance, power):
-    """A cantilever's first mode in SI with a load, its base driven by a sine (Hz)."""
-    lumped, load = device["lumped"], {"resistance": resistance}
-    mass, stiffness, ratio = (lumped[name] for name in ("mass", "stiffness", "damping_ratio"))
-    settle = SETTLING / (ratio * (stiffness / mass) ** 0.5)
-    if "netlist" in device:
-        load |= {
-            "storage": STORED / (frequency * resistance),
-            "initial": (power * resistance) ** 0.5,
-        }
-        load, settle = {"netlist": device["netlist"], "parameters": load}, RECTIFIED / frequency
-    tables = {
-        "units": "SI",
-        "oscillator": {
-            "mass": mass,
-            "damping": 2.0 * ratio * (stiffness * mass) ** 0.5,
-            "linear_stiffness": stiffness,
-            "base_factor": lumped["base_factor"],
-        },
-        "piezo": {name: lumped[name] for name in ("coupling", "capacitance")},
-        "load": load,
-        "excitation": {
-            "kind": "sine", "amplitude": device["acceleration"], "frequency": frequency
-        },
-        "run": {"seed": 1, "realizations": 1, "settle": settle, "duration": PERIODS / frequency},
-    }  # fmt: skip
-    return Scene.from_tables(tables, name="measured device")
+            power, hertz, load = device["scale"] * published, float(frequency), {}
+            load["resistance"] = resistance = 1e3 * kilo
+            if rectified:
+                load["storage"] = STORED / (hertz * resistance)
+                load["initial"] = (power * resistance) ** 0.5
+            changes = {"excitation.frequency": hertz, "run.duration": PERIODS / hertz}
+            title = f"{device['name']}, {frequency} Hz, {kilo:g} kΩ"
+            point = {"title": title, "device": device["name"], "unit": "W"}
+            point |= {"exact": power, "within": share}
+            point["changes"] = {**changes, "load.parameters" if rectified else "load": load}
+            yield _truth(device, point)
 
 
 def scatter_of(device: dict[str, Any], frequency: str) -> float:
@@ -216,15 +191,17 @@ def _set(entry):
     files = [place]
     if "files" in entry:
         files = sorted(place / file for file in getattr(tasks, entry["files"]).values())
-    exists = bool(name) and all(file.is_file() for file in files)
-    content = b"".join(file.read_bytes() for file in files) if exists else b""
-    call = {
-        "place": os.path.abspath(place) if exists else "",
-        "digest": hashlib.sha256(content).hexdigest(),
-        "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
-        "missing": f"{entry['variable']} {entry['missing']}: {entry['cure']}",
-    }
-    function = getattr(tasks, entry["task"])
-    task = Task(function, call, label=entry["task"], time_limits=entry["time_limits"])
+    question: Any = ProgramNotFound(f"not downloaded: {entry['cure']}")
+    if name and all(file.is_file() for file in files):
+        content = b"".join(file.read_bytes() for file in files)
+        call = {
+            "place": os.path.abspath(place),
+            "digest": hashlib.sha256(content).hexdigest(),
+            "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
+        }
+        limits = entry["time_limits"]
+        question = Task(getattr(tasks, entry["task"]), call, "", entry["task"], limits)
+    elif name:
+        question = ProgramNotFound(f"{entry['variable']} = {name}: not the set; {entry['cure']}")
     names = ("title", "source", "exact", "allowance", "unit", "device")
-    return Truth(asked={"identify": task}, **{name: entry[name] for name in names})
+    return Truth(asked={"identify": question}, **{name: entry[name] for name in names})

@@ -19,9 +19,10 @@ from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
 from harvester.base.serialising import fields_of, key
 from harvester.results.figures import drawn
+from harvester.results.panels import Panel, Series, draw_panels, set_title
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.validation.paper_drawing import COLOURS, LETTERS, titled_figure
+from harvester.validation.paper_drawing import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +86,6 @@ class Surfaces(_PaperMap):
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
     def figure(self) -> "Figure":
-        """Both surfaces, drawn as the paper draws them."""
         return drawn(_draw_surfaces, self)
 
 
@@ -151,7 +151,6 @@ class OrbitVoltages(_PaperMap):
         ]
 
     def figure(self) -> "Figure":
-        """Outlines of the voltages, drawn as the paper draws them."""
         return drawn(_draw_orbit_voltages, self)
 
 
@@ -228,14 +227,11 @@ def _solved(orbits, k):
     """(ω, lowest, highest V) of Eq. 4b along one orbit, harmonic by harmonic."""
     edge, frequency, added = orbits.edge, orbits.frequency[k], orbits.added[k]
     period = 2.0 * np.pi / frequency
-
-    def motion(t, state):
-        x, v = state
-        return [v, -edge.slope(x, added)]
-
-    times = period * np.arange(POINTS) / POINTS
-    start = [orbits.right[k], 0.0]
-    path = solve_ivp(motion, (0.0, period), start, t_eval=times, rtol=1e-9, atol=1e-10)
+    path = solve_ivp(
+        lambda _, state: [state[1], -edge.slope(state[0], added)],
+        (0.0, period), [orbits.right[k], 0.0],
+        t_eval=period * np.arange(POINTS) / POINTS, rtol=1e-9, atol=1e-10,
+    )  # fmt: skip
     # V_n = iω_n X_n/(λ + iω_n).
     rates = 2j * np.pi * np.fft.rfftfreq(POINTS, period / POINTS)
     shares = rates / (edge.system.transducer.decay_rate() + rates)
@@ -244,56 +240,43 @@ def _solved(orbits, k):
 
 
 def _draw_surfaces(content):
-    figure = titled_figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.2))
+    set_title(figure, "Fig. 2: energy and frequency of the undisturbed system")
     x, v = np.meshgrid(content.displacement, content.velocity)
     panels = (
-        (content.energy, "$H$", ""),
-        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
+        (content.energy, "$H$", "(a)"),
+        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"(b) cut off below {TRENCH:g} rad/s"),
     )
-    for index, (surface, label, words) in enumerate(panels):
-        axes = figure.add_subplot(1, 2, index + 1, projection="3d")
-        axes.plot_surface(
-            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
-        )
-        axes.set_title(f"({LETTERS[index]}) {words}")
-        axes.set_xlabel("$X$")
-        axes.set_ylabel(r"$\dot X$")
-        axes.set_zlabel(label)
+    for number, (surface, label, title) in enumerate(panels, 1):
+        axes: Any = figure.add_subplot(1, 2, number, projection="3d")
+        look = {"cmap": "viridis", "linewidth": 0, "antialiased": False}
+        axes.plot_surface(x, v, surface, rcount=GRID, ccount=GRID, **look)
+        axes.set(title=title, xlabel="$X$", ylabel=r"$\dot X$", zlabel=label)
         axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
     return figure
 
 
 def _draw_orbit_voltages(content):
-    figure = titled_figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
-    axes = figure.add_subplot()
     (stoppers,) = content.scene.stoppers
     looks = {
-        "without": ("black", "--", "without impact, $K = 0$"),
-        "with stoppers": (COLOURS[1], "-", f"with impact, $K = {stoppers.stiffness:g}$"),
+        "without": ("black", "--", "s", "without impact, $K = 0$"),
+        "with stoppers": (COLOURS[1], "-", "o", f"with impact, $K = {stoppers.stiffness:g}$"),
     }
-    for device, (colour, style, label) in looks.items():
-        for name, response in content.responses[device].items():
+    series = []
+    for device, (colour, line, mark, label) in looks.items():
+        for response in content.responses[device].values():
             frequency = np.concatenate([response.frequency, response.frequency[::-1]])
             outline = np.concatenate([response.highest, response.lowest[::-1]])
-            text = label if name == "wells" else None
-            axes.fill(frequency, outline, facecolor=colour, alpha=0.08)
-            axes.plot(frequency, outline, style, color=colour, label=text)
-            for column in (1, 2):
-                axes.plot(
-                    response.checked[:, 0],
-                    response.checked[:, column],
-                    "o" if device == "with stoppers" else "s",
-                    color=colour,
-                    markersize=4,
-                    markerfacecolor="white",
-                )
-    axes.set_xlabel(r"$\omega$ [rad/s]")
-    axes.set_ylabel("$V$")
-    figure.legend(
-        loc="outside lower center",
-        ncols=2,
-        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
-        "inside a well Eq. 10 measures it from the well's bottom",
-        title_fontsize=8,
+            series.append(Series(frequency, outline, label, colour, line))
+            checked, hollow = response.checked.T, np.full(len(response.checked), True)
+            for voltage in checked[1:]:
+                points = Series(checked[0], voltage, None, colour, "", mark, hollow=hollow)
+                series.append(points)
+    title = (
+        "Fig. 3: voltage over frequency with and without impact\n"
+        "lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
+        "inside a well Eq. 10 measures it from the well's bottom"
     )
-    return figure
+    return draw_panels([Panel(r"$\omega$ [rad/s]", "$V$", series)], title, size=(6.0, 3.6))

@@ -55,12 +55,10 @@ def plain_ngspice(scene: Scene) -> np.ndarray:
     ------
     ProgramNotFound, SimulationError
     """
-    program = find_ngspice()
     netlist = _exported(scene)
-    with TemporaryFolder() as folder:
-        (Path(folder) / "scene.cir").write_text(netlist.text + ".end\n", encoding="utf-8")
-        # -n: the user's own start file is not read.
-        raw = _run(folder, program, "-n", "-b", "-r", "scene.raw", "scene.cir")
+    # -n: the user's own start file is not read.
+    command = (find_ngspice(), "-n", "-b", "-r", "scene.raw", "scene.cir")
+    raw = _run({"scene.cir": netlist.text + ".end\n"}, *command)
     return _at_knots(scene, raw, "v(displacement)", f"v({netlist.terminal})")
 
 
@@ -69,13 +67,10 @@ def vacask(scene: Scene) -> np.ndarray:
 
     See `plain_ngspice`.
     """
-    program = find_vacask()
     netlist = _exported(scene)
     included, deck = _for_vacask(netlist)
-    with TemporaryFolder() as folder:
-        (Path(folder) / "scene.cir").write_text(included, encoding="utf-8")
-        (Path(folder) / "scene.sim").write_text(deck, encoding="utf-8")
-        raw = _run(folder, program, "-qp", "scene.sim")
+    files = {"scene.cir": included, "scene.sim": deck}
+    raw = _run(files, find_vacask(), "-qp", "scene.sim")
     return _at_knots(scene, raw, "displacement", netlist.terminal)
 
 
@@ -149,19 +144,23 @@ endc
     return text, deck
 
 
-def _run(folder, *command):
-    """Run a program in a folder and read the raw file that it writes."""
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, errors="replace",
-            timeout=TIME_LIMIT, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise SimulationError(f"{command[0]}: {error}") from None
-    if done.returncode != 0 or not (Path(folder) / "scene.raw").exists():
-        messages = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise SimulationError(f"{command[0]}: {messages[-1] if messages else 'no reason given'}")
-    return read_raw(Path(folder) / "scene.raw")
+def _run(files, *command):
+    """Run a program in a folder with these files, and read the raw file that it writes."""
+    with TemporaryFolder() as folder:
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, errors="replace",
+                timeout=TIME_LIMIT, stdin=subprocess.DEVNULL,
+            )  # fmt: skip
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SimulationError(f"{command[0]}: {error}") from None
+        raw = Path(folder) / "scene.raw"
+        if done.returncode != 0 or not raw.exists():
+            lines = (done.stderr.strip() or done.stdout.strip()).splitlines()
+            raise SimulationError(f"{command[0]}: {lines[-1] if lines else 'no reason given'}")
+        return read_raw(raw)
 
 
 def _at_knots(scene, raw, displacement, terminal):

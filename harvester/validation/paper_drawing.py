@@ -8,6 +8,7 @@ import numpy as np
 
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.validation.paper_figures import KEY_SYMBOLS, answered
 
 if TYPE_CHECKING:
@@ -16,172 +17,114 @@ if TYPE_CHECKING:
 # Colours of a panel's curves: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
-STYLES = ("-", "--", ":", "-.")
-# Marks of the two engines. The smaller circle lies inside the square, so that both are
-# visible where they agree.
-MARKS = {"monte-carlo": "o", "circuit": "s"}
-SIZES = {"monte-carlo": 4.0, "circuit": 6.0}
-NAMES = {
-    "mean_square_voltage": "$E[V^2]$",
-    "mean_power": "$E[P]$",
-    "power_conversion_efficiency": "PCE [%]",
+STYLES = dict(zip(reversed(NOISE_CLOSURES), ("-", "--", ":", "-."), strict=False))
+# Name, mark and size of the two engines; both are visible where they agree.
+MARKS = {"monte-carlo": ("Monte Carlo", "o", 3.5), "circuit": ("circuit", "+", 9.0)}
+# Mark of runs that were too short for rare jumps.
+SHORT = "x"
+# Label and factor of each quantity.
+QUANTITIES = {
+    "mean_square_voltage": ("$E[V^2]$", 1.0),
+    "mean_power": ("$E[P]$", 1.0),
+    "power_conversion_efficiency": ("PCE [%]", 100.0),
 }
-PERCENT = ("power_conversion_efficiency",)
+TEX = {"δr": r"\delta_r", "τ1": r"\tau_1", "λ": r"\lambda", "β": r"\beta"}
 LETTERS = "abc"
 # Number of symbols of a density across the axis.
 SYMBOLS_ACROSS = 36
-# Opacity of the symbols of runs that were too short for rare jumps.
-FADED = 0.35
-# Width of a legend entry below a figure, in inches.
-LEGEND_ENTRY = 1.9
 # The axis ends at this multiple of the highest simulated value; higher curves are cut off.
 HEADROOM = 2.2
 
 
 def draw(content: Any) -> Figure:
-    """Figure of a `Reproduction`."""
-    return _draw_densities(content) if content.is_density else _draw_sweeps(content)
-
-
-def titled_figure(content: Any, title: str, width: float, height: float) -> Figure:
-    """An empty figure of a size in inches, with the paper's number and a title."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height))
-    number = content.name.removeprefix("fig")
-    figure.suptitle(f"Fig. {number}: {title}", x=0.01, ha="left", fontsize=10)
-    return figure
-
-
-def _style(closure):
-    return STYLES[(len(NOISE_CLOSURES) - 1 - list(NOISE_CLOSURES).index(closure)) % len(STYLES)]
-
-
-def _draw_sweeps(content):
-    """A row of axes for each quantity, a column for each panel."""
-    rows, columns = len(content.layout.quantities), len(content.layout.panels)
-    width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
-    figure = titled_figure(content, content.layout.title, width, 2.6 * rows + 1.1)
-    axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
-    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
-        for row, quantity in enumerate(content.layout.quantities):
-            _draw_curves(axes[row, column], panel, lines, quantity)
-            axes[row, column].set_ylabel(NAMES[quantity] if column == 0 else "")
-        if columns > 1:
-            axes[0, column].set_title(f"({LETTERS[column]})")
-        axes[-1, column].set_xlabel(f"${_tex(panel.swept)}$")
-        _curve_legend(axes[0, column], panel)
-    _method_legend(figure, content)
-    return figure
-
-
-def _draw_curves(axes, panel, lines, quantity):
-    factor = 100.0 if quantity in PERCENT else 1.0
-    for colour, line in zip(COLOURS, lines, strict=False):
-        for method, points in line.items():
-            if method not in MARKS:
-                # A refused point leaves a gap in the line.
-                y = [
-                    factor * outcome.quantities[quantity].estimate if answered(outcome) else np.nan
-                    for _, outcome in points
-                ]
-                axes.plot([value for value, _ in points], y, _style(method), color=colour)
-                continue
-            for value, answer in filter(lambda point: answered(point[1]), points):
-                estimate = answer.quantities[quantity]
-                bar = 2.0 * factor * (estimate.standard_error or np.nan)
-                opacity = FADED if answer.misses_jumps else 1.0
-                _symbols(axes, method, value, factor * estimate.estimate, bar, colour, opacity)
-    axes.set_ylim(bottom=0.0)
-
-
-def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
-    """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
-    look: dict[str, Any] = {"fmt": MARKS[method], "markersize": SIZES[method], "color": colour}
-    if method == "circuit":
-        look |= {"markerfacecolor": colour, "markeredgecolor": "black", "zorder": 3}
-    else:
-        look |= {"markerfacecolor": "white", "markeredgecolor": colour, "zorder": 4}
-    axes.errorbar(x, y, errors, elinewidth=0.9, capsize=2, alpha=opacity, **look)
-
-
-def _draw_densities(content):
-    columns = len(content.layout.panels)
-    figure = titled_figure(content, content.layout.title, 3.4 * columns, 3.6)
-    axes = figure.subplots(1, columns, squeeze=False)[0]
-    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
-        highest, reach = 0.0, 0.0
-        for colour, line in zip(COLOURS, lines, strict=False):
-            for method, ((_, outcome),) in line.items():
-                if not answered(outcome):
-                    continue
-                density: Any = outcome.density
-                if method in MARKS:
-                    _density_symbols(axes[column], method, density, colour)
-                    seen = density.density > WORTH_DRAWING * density.density.max()
-                    reach = max(reach, np.abs(density.centre[seen]).max())
-                    highest = max(highest, density.density.max())
-                else:
-                    style = _style(method)
-                    axes[column].plot(density.centre, density.density, style, color=colour)
-        if highest > 0.0:
-            axes[column].set_xlim(-1.05 * reach, 1.05 * reach)
-            axes[column].set_ylim(0.0, min(axes[column].get_ylim()[1], HEADROOM * highest))
-        axes[column].set_title(f"({LETTERS[column]})")
-        axes[column].set_xlabel("$X$")
-        axes[column].set_ylabel("$p(X)$" if column == 0 else "")
-        _curve_legend(axes[column], panel)
-    _method_legend(figure, content)
-    return figure
-
-
-def _density_symbols(axes, method, density, colour):
-    seen = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
-    step = max(1, seen // SYMBOLS_ACROSS)
-    # The symbols of the two engines stand on different bins, so that neither hides the other.
-    every = slice(0 if method == "monte-carlo" else step // 2, None, step)
-    errors = density.standard_error
-    bars = np.full(density.centre.shape, np.nan) if errors is None else 2.0 * errors
-    _symbols(axes, method, density.centre[every], density.density[every], bars[every], colour)
-
-
-def _curve_legend(axes, panel):
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=colour, label=f"${_tex(key)} = {value:g}$")
-        for colour, curve in zip(COLOURS, panel.curves, strict=False)
-        for key, value in curve
+    """Figure of a `Reproduction`: a row of axes for each quantity, a column for each panel."""
+    layout = content.layout
+    rows = layout.quantities or ("",)
+    panels = [
+        _panel(row, letter if len(layout.panels) > 1 else "", panel, lines)
+        for row in rows
+        for letter, panel, lines in zip(LETTERS, layout.panels, content.lines, strict=False)
     ]
-    axes.legend(handles=handles, fontsize=8, handlelength=1.2)
-
-
-def _method_legend(figure, content):
-    from matplotlib.lines import Line2D
-
-    handles = []
-    for method in content.lines[0][0]:
-        if method in MARKS:
-            label = "circuit" if method == "circuit" else "Monte Carlo"
-            mark: dict[str, Any] = {"marker": MARKS[method], "linestyle": "none"}
-            mark["markerfacecolor"] = "0.2" if method == "circuit" else "white"
-        else:
-            label, mark = f"averaging, {method}", {"linestyle": _style(method)}
-        handles.append(Line2D([], [], color="0.2", label=label, **mark))
-    words = ["bars: two standard errors; faded: the run was too short for rare jumps"]
+    words = "bars: two standard errors; ×: the run was too short for rare jumps"
     if content.refused:
         methods = ", ".join(dict.fromkeys(method for method, *_ in content.refused))
-        words.append(f"no answer at some points ({methods}): why is in {content.name}.json")
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=min(len(handles), int(figure.get_figwidth() / LEGEND_ENTRY)),
-        title="\n".join(words),
-        title_fontsize=8,
-    )
+        words += f"\nno answer at some points ({methods}): why is in {content.name}.json"
+    title = f"Fig. {content.name.removeprefix('fig')}: {layout.title}\n{words}"
+    return draw_panels(panels, title, columns=len(layout.panels), sharex="col")
+
+
+def _panel(quantity, letter, panel, lines):
+    name, factor = QUANTITIES.get(quantity, ("$p(X)$", 1.0))
+    series = [
+        drawn
+        for colour, line in zip(COLOURS, lines, strict=False)
+        for method, points in line.items()
+        for drawn in _series(method, points, quantity, factor, colour)
+    ]
+
+    def add_legend(axes):
+        from matplotlib.lines import Line2D
+
+        handles = [
+            Line2D([], [], color=colour, label=f"${_tex(key)} = {value:g}$")
+            for colour, curve in zip(COLOURS, panel.curves, strict=False)
+            for key, value in curve
+        ]
+        axes.legend(handles=handles, fontsize=8, handlelength=1.2)
+        symbols = [drawn for drawn in series if drawn.marker]
+        if not quantity and symbols:
+            reach = 1.05 * max(np.abs(drawn.x).max() for drawn in symbols)
+            highest = HEADROOM * max(drawn.y.max() for drawn in symbols)
+            axes.set(xlim=(-reach, reach), ylim=(0.0, min(axes.get_ylim()[1], highest)))
+
+    x_label = f"${_tex(panel.swept)}$" if quantity else "$X$"
+    y_label = name if letter in ("", LETTERS[0]) else ""
+    title = f"({letter})" if letter else ""
+    return Panel(x_label, y_label, series, title, from_zero=True, more=add_legend)
+
+
+def _series(method, points, quantity, factor, colour):
+    """The line of a closure, with a gap at a refused point; the symbols of an engine."""
+    if not quantity:
+        return [_density(method, o.density, colour) for _, o in points if answered(o)]
+    label = _label(method, colour)
+    if method in STYLES:
+        y = [factor * o.quantities[quantity].estimate if answered(o) else np.nan for _, o in points]
+        return [Series([value for value, _ in points], y, label, colour, STYLES[method])]
+    _, mark, size = MARKS[method]
+    series = []
+    for symbol, words, is_short in ((mark, label, False), (SHORT, None, True)):
+        shown = [
+            (value, outcome.quantities[quantity])
+            for value, outcome in points
+            if answered(outcome) and outcome.misses_jumps == is_short
+        ]
+        x = [value for value, _ in shown]
+        y = np.array([factor * estimate.estimate for _, estimate in shown])
+        bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in shown]
+        series.append(Series(x, y, words, colour, "", symbol, bars, size=size))
+    return [drawn for drawn in series if drawn.y.size]
+
+
+def _density(method, density, colour):
+    x, y, label = density.centre, density.density, _label(method, colour)
+    if method in STYLES:
+        return Series(x, y, label, colour, STYLES[method])
+    seen = np.flatnonzero(y > WORTH_DRAWING * y.max())
+    step = max(1, seen.size // SYMBOLS_ACROSS)
+    # The symbols of the two engines are on different bins, so that neither hides the other.
+    shown = seen[0 if method == "monte-carlo" else step // 2 :: step]
+    bars = None if density.standard_error is None else 2.0 * density.standard_error[shown]
+    _, mark, size = MARKS[method]
+    return Series(x[shown], y[shown], label, colour, "", mark, bars, size=size)
+
+
+def _label(method, colour):
+    """In the legend each method has the colour of the first curve."""
+    if colour != COLOURS[0]:
+        return None
+    return MARKS[method][0] if method in MARKS else f"averaging, {method}"
 
 
 def _tex(key):
-    return {"δr": r"\delta_r", "τ1": r"\tau_1", "λ": r"\lambda", "β": r"\beta"}.get(
-        KEY_SYMBOLS[key], KEY_SYMBOLS[key]
-    )
+    return TEX.get(KEY_SYMBOLS[key], KEY_SYMBOLS[key])

@@ -30,6 +30,7 @@ from harvester.validation import STATES
 from harvester.validation.paths import (
     from_rest,
     ignore,
+    longest_step,
     noise_at_knots,
     recorded,
     states_at_knots,
@@ -124,8 +125,8 @@ def path_deviation(
     sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(model) / steps_per_sample(model, step, engine)
-    runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
+    finer = longest_step(brief, step, engine) / FINER
+    runs = _paths(brief, engine, step), _paths(brief, engine, finer)
     at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
@@ -206,14 +207,13 @@ def _typical_start(scene):
     # A mass that is pressed against a stopper is never free: the last point is taken.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
     last_free = free[-1] if free.size else -1
-    start = {
-        "start.displacement": float(last.displacement[last_free] * scales.displacement),
-        "start.velocity": float(last.velocity[last_free] * scales.displacement),
-    }
     # A coil with inductance has a current, which no scene can start with.
-    if isinstance(scene.transducer, PiezoTable):
-        start["start.voltage"] = float(last.voltage[last_free] * scales.voltage)
-    return start
+    names = STATES if isinstance(scene.transducer, PiezoTable) else STATES[:2]
+    units = (scales.displacement, scales.displacement, scales.voltage)
+    return {
+        f"start.{name}": float(getattr(last, name)[last_free] * unit)
+        for name, unit in zip(names, units, strict=False)
+    }
 
 
 def _paths(scene, engine, step):

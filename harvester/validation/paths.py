@@ -9,8 +9,14 @@ from harvester.engines.methods import engine_of
 from harvester.engines.realization import Realization, noise_path, run
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import STATES
+
+
+def longest_step(scene: Scene, step: str | float, engine: str) -> float:
+    """Longest step of an engine (s)."""
+    model = prepared(scene)
+    return knot_spacing(model) / steps_per_sample(model, step, engine)
 
 
 def knot_times(scene: Scene) -> np.ndarray:

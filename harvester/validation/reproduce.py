@@ -3,7 +3,7 @@
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
@@ -13,12 +13,14 @@ from harvester.base.arguments import listed
 from harvester.base.errors import SimulationError
 from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
-from harvester.engines.request import relative_error
+from harvester.engines.request import Request, relative_error
 from harvester.engines.simulate import check_name
+from harvester.results.figures import drawn
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
 from harvester.validation import claims, orbit_maps
+from harvester.validation.paper_drawing import draw
 from harvester.validation.paper_figures import (
     FIGURES,
     KEY_SYMBOLS,
@@ -65,7 +67,8 @@ class Reproduction:
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
-        Per panel and curve: {method: [(value, Outcome), …]}, values increasing.
+        Per panel and curve: {method: [(value, Outcome), …]}, values increasing. Of a `plan` it has
+        a Request in place of each outcome.
     wall_seconds : float
         Wall time from the call until the figure was done (s); figures share points.
     """
@@ -130,10 +133,16 @@ class Reproduction:
         ]
 
     def figure(self) -> "Figure":
-        from harvester.results.figures import drawn
-        from harvester.validation.paper_drawing import draw
-
         return drawn(draw, self)
+
+    def answered(self, answers: dict[Request, Outcome], wall_seconds: float) -> "Reproduction":
+        """The figure of a plan with the outcomes of its requests."""
+
+        def of_line(line):
+            return {m: [(v, answers[r]) for v, r in points] for m, points in line.items()}
+
+        lines = [[of_line(line) for line in panel_lines] for panel_lines in self.lines]
+        return replace(self, lines=lines, wall_seconds=wall_seconds)
 
     def to_dict(self) -> dict[str, Any]:
         def told(points):
@@ -237,29 +246,19 @@ def reproduce(
 
     for name in [name for name in names if name in WITHOUT_NOISE]:
         keep(name, WITHOUT_NOISE[name](scene))
-    plans = {n: plan(scene, FIGURES[n], quick, precision) for n in names if n in FIGURES}
-    requests = {
-        name: costly_first(
-            request
-            for panel in planned
-            for line in panel
-            for points in line.values()
-            for _, request in points
-        )
-        for name, planned in plans.items()
-    }
+    plans = {n: plan(n, scene, quick, precision) for n in names if n in FIGURES}
+    requests = {n: costly_first(r for *_, r in plans[n].points()) for n in plans}
     missing = {name: set(needed) for name, needed in requests.items()}
     ordered = list(dict.fromkeys(itertools.chain(*requests.values())))
-    answers = {}
+    answers: dict[Request, Outcome] = {}
 
     def collect(index, outcome):
-        one = ordered[index]
-        answers[one] = outcome
-        for name in [name for name, unanswered in missing.items() if one in unanswered]:
-            missing[name].remove(one)
-            if not missing[name]:
-                lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
-                keep(name, Reproduction(name, FIGURES[name], scene, lines, quick, seconds))
+        answers[ordered[index]] = outcome
+        for name, unanswered in missing.items():
+            if ordered[index] in unanswered:
+                unanswered.remove(ordered[index])
+                if not unanswered:
+                    keep(name, plans[name].answered(answers, time.perf_counter() - clock))
 
     with open_runner(**running) as runner:
         if ordered:
@@ -275,32 +274,31 @@ def point_name(panel: FigurePanel, curve: Changes, value: float) -> str:
     return swept if dict(curve).get(panel.swept) == value else f"{name_of(curve)}, {swept}"
 
 
-def plan(scene: Scene, figure: PaperFigure, quick: bool, precision: float | None = None) -> list:
-    """Per panel and curve of a figure {method: [(value, Request), …]}."""
-    scene = with_knots(scene)
+def plan(name: str, scene: Scene, quick: bool, precision: float | None = None) -> Reproduction:
+    """A figure of `FIGURES` with the requests for its points."""
+    figure, device = FIGURES[name], with_knots(scene)
     efforts, is_density = QUICK if quick else DEFAULT, not figure.quantities
     first = {engine: effort.realizations for engine, effort in efforts.items()}
 
-    def asked(device, panel, value, method):
-        changed = device if is_density else device.replace({panel.swept: value})
+    def asked(curve, panel, value, method):
+        changes = curve if is_density else {**dict(curve), panel.swept: value}
         options = {}
         if method in efforts:
             effort = efforts[method]
             options = {"precision": precision or effort.precision, "most": effort.most}
-        return request(changed, method, first, is_density, **options)
+        return request(device.replace(dict(changes)), method, first, is_density, **options)
 
-    def line(panel, index, curve):
-        device = scene.replace(dict(curve))
-        values_by_method = _values(panel, index, curve, quick, is_density)
-        return {
-            method: [(value, asked(device, panel, value, method)) for value in values]
-            for method, values in values_by_method.items()
-        }
-
-    return [
-        [line(panel, index, curve) for index, curve in enumerate(panel.curves)]
+    lines = [
+        [
+            {
+                method: [(value, asked(curve, panel, value, method)) for value in values]
+                for method, values in _values(panel, index, curve, quick, is_density).items()
+            }
+            for index, curve in enumerate(panel.curves)
+        ]
         for panel in figure.panels
     ]
+    return Reproduction(name, figure, scene, lines, quick, 0.0)
 
 
 def _values(panel, index, curve, quick, is_density):
@@ -314,14 +312,6 @@ def _values(panel, index, curve, quick, is_density):
     fine, coarse = panel.values(quick)
     circuit = [coarse[len(coarse) // 2]] if index == 0 or not quick else []
     return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
-
-
-def _answered(planned, answers):
-    """The plan with answers in the place of its requests."""
-    return [
-        [{m: [(v, answers[r]) for v, r in points] for m, points in line.items()} for line in lines]
-        for lines in planned
-    ]
 
 
 def _summary(points, deviations):

@@ -1,14 +1,13 @@
-"""`stability`: stiff and extreme cases of a scene, each judged by what was computed.
+"""`stability`: stiff and extreme cases of a scene, each with its verdict.
 
-Every case is run by every engine and every closure; `verdicts` says what judges them.
+Every case is run by every engine and every closure; `verdicts` compares their answers.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 from harvester.base.errors import SceneError
@@ -16,6 +15,8 @@ from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.simulate import check_step, require_noise
 from harvester.engines.task import Task
+from harvester.results.figures import drawn
+from harvester.results.panels import set_title
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.validation import TIME_LIMIT
@@ -38,12 +39,15 @@ from harvester.validation.verdicts import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LEGEND = (
+    "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the\n"
+    "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
+)
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
 INK = {WRONG: "white", REFUSED: "0.25"}
-BLOCKS = 2
-# Rows of a page, and the width of a block in inches.
+# Rows of a page, and the width of a figure in inches.
 PAGE, WIDTH = 30, 12.0
-# Share of a block's width for the names of cases, and the fewest letters of a column.
+# Share of the width for the names of cases, and the fewest letters of a column.
 NAME, SHORTEST = 0.22, 14
 
 
@@ -69,6 +73,10 @@ class StabilityMatrix:
         ]
 
     @property
+    def counts(self) -> str:
+        return ", ".join(f"{len(self.cells(word))} {word}" for word in WORDS)
+
+    @property
     def wrong(self) -> list[tuple[str, str, str]]:
         """(case title, method, reason) of every wrong cell."""
         return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
@@ -92,13 +100,7 @@ class StabilityMatrix:
     def sentences(self) -> list[str]:
         """Sentences on the verdicts, one line each; a reason is stated once for all cells
         that share it."""
-        counts = ", ".join(f"{len(self.cells(word))} {word}" for word in WORDS)
-        lines = [
-            f"{counts} in {self.wall_seconds:.0f} s",
-            "a cell names its judges and how sharply they judge: path: against a fine one on the "
-            "same noise; a method or a closed form: E[V²] against its own; grid: a closure against "
-            "its coarser grid",
-        ]
+        lines = [f"{self.counts} in {self.wall_seconds:.0f} s", LEGEND.replace("\n", " ")]
         lines += [f"WRONG {title}, {method}: {reason}" for title, method, reason in self.wrong]
         for word in (UNFINISHED, NOT_JUDGED, REFUSED):
             shared: dict[tuple[str, str], list[str]] = {}
@@ -111,19 +113,12 @@ class StabilityMatrix:
         return lines
 
     def figure(self) -> Figure:
-        """All rows, in two blocks side by side."""
-        depth = math.ceil(len(self.rows) / BLOCKS)
-        return self._drawn([slice(k * depth, (k + 1) * depth) for k in range(BLOCKS)], depth)
+        return drawn(_draw, self)
 
     def figures(self) -> list[Figure]:
         """Figures of `PAGE` rows that can be read in print."""
-        firsts = range(0, len(self.rows), PAGE)
-        return [self._drawn([slice(k, k + PAGE)], min(PAGE, len(self.rows) - k)) for k in firsts]
-
-    def _drawn(self, parts, depth):
-        from harvester.results.figures import drawn
-
-        return drawn(lambda matrix: _drawn(matrix, parts, depth), self)
+        parts = [self.rows[first : first + PAGE] for first in range(0, len(self.rows), PAGE)]
+        return [replace(self, rows=part).figure() for part in parts]
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -149,7 +144,7 @@ def stability(
     step: str | float = "default",
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
-    """Run and judge the matrix of one scene, by every engine and closure.
+    """Run the matrix of one scene, with a verdict on each case, by every engine and closure.
 
     Parameters
     ----------
@@ -187,48 +182,31 @@ def stability(
         ]
         outcomes = iter(runner.run(tasks))
     rows = []
-    for case, changed_scene in zip(cases, scenes, strict=True):
-        if isinstance(changed_scene, Scene):
-            answers = {method: next(outcomes) for method in METHODS}
-        else:
-            answers = dict.fromkeys(METHODS, changed_scene)
-        rows.append(row_of_case(case, changed_scene, answers))
+    for case, variation in zip(cases, scenes, strict=True):
+        refused = isinstance(variation, SceneError)
+        answers = {method: variation if refused else next(outcomes) for method in METHODS}
+        rows.append(row_of_case(case, variation, answers))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 
-def _drawn(matrix, parts, depth):
-    """A figure with a block for each part of the rows, `depth` of which are the most."""
+def _draw(matrix):
+    """The table in colour."""
     from matplotlib.figure import Figure
 
+    words = [[row.cells[method].word for method in matrix.methods] for row in matrix.rows]
     texts = [[row.cells[method].text() for method in matrix.methods] for row in matrix.rows]
     lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
-    widths = [NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)]
-    figure = Figure(figsize=(WIDTH * len(parts), 1.4 + 0.25 * depth))
-    for part, axes in zip(parts, figure.subplots(1, len(parts), squeeze=False)[0], strict=True):
-        axes.axis("off")
-        if matrix.rows[part]:
-            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths, depth)
-    counts = ", ".join(f"{len(matrix.cells(word))} {word}" for word in WORDS)
-    figure.suptitle(
-        f"{matrix.scene.name}: stiff and extreme cases ({counts}; {matrix.wall_seconds:.0f} s)\n"
-        "in each cell its judges and how sharply they judge: the path against a fine one, E[V²] "
-        "against another\nmethod or a closed form, a closure against its coarser grid",
-        x=0.01,
-        ha="left",
-        fontsize=10,
-    )
-    return figure
-
-
-def _draw_block(axes, matrix, rows, texts, widths, depth):
+    titles = [row.case.title for row in matrix.rows]
+    figure = Figure(figsize=(WIDTH, 1.4 + 0.25 * len(titles)))
+    axes = figure.subplots()
+    axes.axis("off")
     header = [method.replace("_", " ") for method in matrix.methods]
-    words = [[row.cells[method].word for method in matrix.methods] for row in rows]
     table = axes.table(
-        [["", *header], *([row.case.title, *line] for row, line in zip(rows, texts, strict=True))],
-        cellColours=[["none"] * len(widths), *(["none", *map(FACE.get, line)] for line in words)],
-        colWidths=widths,
+        [["", *header], *([title, *line] for title, line in zip(titles, texts, strict=True))],
+        cellColours=[["none"] * (len(header) + 1), *(["none", *map(FACE.get, w)] for w in words)],
+        colWidths=[NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)],
         cellLoc="center",
-        bbox=(0.0, 1.0 - (len(rows) + 1) / (depth + 1), 1.0, (len(rows) + 1) / (depth + 1)),
+        bbox=(0.0, 0.0, 1.0, 1.0),
         edges="closed",
     )
     table.auto_set_font_size(False)
@@ -237,7 +215,7 @@ def _draw_block(axes, matrix, rows, texts, widths, depth):
         cell.set_fontsize(7 if line and column else 8)
         if line and column:
             cell.set_text_props(color=INK.get(words[line - 1][column - 1], "black"))
-        elif column:
-            cell.set_text_props(weight="bold")
         else:
-            cell.set_text_props(ha="left")
+            cell.set_text_props(**({"weight": "bold"} if column else {"ha": "left"}))
+    set_title(figure, f"{matrix.scene.name}: stiff and extreme cases ({matrix.counts})\n{LEGEND}")
+    return figure

@@ -14,7 +14,7 @@ from typing import Any
 from harvester.averaging.closures import NOISE_CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.base.errors import SceneError
-from harvester.base.serialising import fields_of, key
+from harvester.base.serialising import key
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
@@ -23,13 +23,12 @@ from harvester.engines.methods import ENGINES, MonteCarlo, engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.scene.units import length_scale
 from harvester.statistics.balance import energy_balance_residual
 from harvester.statistics.run_quantities import estimate_all
 from harvester.validation import entries
 from harvester.validation.path_deviation import PathDeviation, path_deviation
-from harvester.validation.paths import ignore
+from harvester.validation.paths import ignore, longest_step
 
 # Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
 REALIZATIONS = 4
@@ -77,9 +76,7 @@ def default_cases() -> list[Case]:
     """The whole matrix: the cases of stability_cases.toml."""
     families = entries("stability_cases").items()
     return [
-        Case(
-            family, name, {key: None if value == "none" else value for key, value in values.items()}
-        )
+        Case(family, name, {key: None if v == "none" else v for key, v in values.items()})
         for family, cases in families
         for name, values in cases.items()
     ]
@@ -123,10 +120,9 @@ def _stoppers(scene, values):
             )
         values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
     length, mass = _units(scene)
-    tables = scene.to_tables().get("stoppers", {})
-    new = {name: values[name] for name in values if name != "gap_in_wells"}
-    if "gap_in_wells" in values:
-        new["gap"] = values["gap_in_wells"] * _reference_length(scene) * length
+    tables, new = scene.to_tables().get("stoppers", {}), dict(values)
+    if "gap_in_wells" in new:
+        new["gap"] = new.pop("gap_in_wells") * _reference_length(scene) * length
     changed_tables = []
     for table in tables if isinstance(tables, list) else [tables]:
         changed_tables.append({**table, **new})
@@ -151,29 +147,33 @@ def _reference_length(scene):
     return min((contact.gap for contact in system.contacts), default=1.0)
 
 
+# Key of the scene of a scaled value, and the powers of the units of length and mass in its unit.
+KEYS = {
+    "damping": ("oscillator.damping", 0, 1),
+    "intensity": ("excitation.intensity", 2, 0),
+    "correlation_time": ("excitation.correlation_time", 0, 0),
+}
+
+
 def _scene_value(scene, name, value):
     """Key of the scene, and its value in the scene's units, of a scaled value (Eq. 3)."""
     length, mass = _units(scene)
+    if name == "monostable":
+        return _monostable(scene.oscillator)
+    if name in KEYS:
+        dotted, lengths, masses = KEYS[name]
+        return dotted, value * length**lengths * mass**masses
     in_si = scene.units == "SI"
-    match name:
-        case "monostable":
-            return _monostable(scene.oscillator)
-        case "damping":
-            return "oscillator.damping", value * mass
-        case "intensity":
-            return "excitation.intensity", value * length**2
-        case "correlation_time":
-            return "excitation.correlation_time", value
-        case "decay_rate":
-            rate = {"decay_rate": value}
-            if in_si:
-                rate = {"resistance": 1.0 / (value * _capacitance(scene, "λ"))}
-            return "load", {"kind": "resistor", **rate}
-        case "coupling":
-            if in_si:
-                value = math.sqrt(value * mass * _capacitance(scene, "β"))
-            return "piezo.coupling", value
-    raise KeyError(name)
+    if in_si and not isinstance(scene.transducer, PiezoTable):
+        raise SceneError(f"{scene.name}: cases of λ and β want a [piezo]; this device has none")
+    if name == "decay_rate":
+        rate = {"decay_rate": value}
+        if in_si:
+            rate = {"resistance": 1.0 / (value * scene.transducer.capacitance)}
+        return "load", {"kind": "resistor", **rate}
+    if in_si:
+        value = math.sqrt(value * mass * scene.transducer.capacitance)
+    return "piezo.coupling", value
 
 
 def _monostable(oscillator):
@@ -186,16 +186,9 @@ def _monostable(oscillator):
     return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
 
 
-def _capacitance(scene, symbol):
-    if not isinstance(scene.transducer, PiezoTable):
-        raise SceneError(f"{scene.name}: cases of {symbol} want a [piezo]; this device has none")
-    return scene.transducer.capacitance
-
-
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    model = prepared(scene)
-    step = knot_spacing(model) / steps_per_sample(model, engine="monte-carlo")
+    step = longest_step(scene, "default", "monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle
@@ -244,10 +237,6 @@ class CaseAnswer:
     settled: bool = True
     path: PathDeviation | None = None
 
-    def to_dict(self) -> dict:
-        content = fields_of(self)
-        return {**content, "path": content["path"] or {}}
-
 
 def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:
     """One case by one engine or closure; a warning counts as an error."""
@@ -263,25 +252,22 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 def _simulated(scene, engine, step):
     engine_of(engine).check(scene)
     path, realizations = path_deviation(scene, engine, step)
-    system = prepared(scene).system
-    estimates, settled = {}, True
-    if engine == "monte-carlo":
+    has_means, system = engine == "monte-carlo", prepared(scene).system
+    if has_means:
         scene = _affordable(scene, step)
         realizations = _run(scene, step)
-        settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
     moments = [realization.moments for realization in realizations]
-    if engine == "monte-carlo":
-        estimates = estimate_all(moments, system)
+    slowest = SETTLED_TIMES * slowest_time(scene)
     return CaseAnswer(
-        estimates=estimates,
+        estimates=estimate_all(moments, system) if has_means else {},
         residual=energy_balance_residual(moments, system),
         seconds=sum(realization.seconds for realization in realizations),
         steps=sum(record.points for record in moments),
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
-        step=knot_spacing(prepared(scene)) / steps_per_sample(prepared(scene), step, engine),
-        settled=settled,
+        step=longest_step(scene, step, engine),
+        settled=not has_means or scene.run.settle > LEAST_SETTLED_SHARE * slowest,
         path=path,
     )
 
@@ -293,9 +279,7 @@ def _run(scene, step):
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
-    model = prepared(scene)
-    engine_step = knot_spacing(model) / steps_per_sample(model, step, "monte-carlo")
-    brief = min(TRIAL_STEPS * engine_step, length)
+    brief = min(TRIAL_STEPS * longest_step(scene, step, "monte-carlo"), length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
     [first] = _run(scene.replace(one), step)
     points = first.moments.points * length / brief * scene.run.realizations

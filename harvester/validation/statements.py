@@ -8,8 +8,8 @@ valid whether or not the paths stay together: the error is that of the differenc
 
 import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -116,79 +116,77 @@ class StatementTest:
         """Findings from the answers of one method at a condition."""
         raise NotImplementedError
 
-    def points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
-        """(value, answer) of the values for which there is an answer that has the quantity."""
-        answers = [read(changes) for changes in self.scenes(condition)]
-        pairs = zip(self.values, answers, strict=True)
-        return [
-            (value, answer) for value, answer in pairs if answer and _has(answer, self.quantity)
-        ]
-
-    def step(
-        self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
-    ) -> list[Finding]:
-        """A finding on the change between two points; none without both."""
-        change = relative_change(first[1], last[1], self.quantity)
-        where = _range(condition, self.swept, first[0], last[0])
-        return [Finding(where, *change, favours, decisive)] if change else []
-
-    def change(
-        self, condition: Changes, read: Read, key: str, ends: Any, quantity: str = ""
-    ) -> tuple[float, float] | None:
-        """Relative change over one range and its error, None without both answers."""
-        first, last = (read(with_value(condition, key, value)) for value in ends)
-        if first is None or last is None:
-            return None
-        return relative_change(first, last, quantity or self.quantity)
+    def changes(
+        self, condition: Changes, read: Read, ranges: tuple, quantity: str = ""
+    ) -> Iterator[tuple[str, str, tuple[float, float]]]:
+        """(key, where, (relative change, its error)) of each range with both answers."""
+        for varied, ends in ranges:
+            first, last = (read(with_value(condition, varied, value)) for value in ends)
+            if first is not None and last is not None:
+                change = relative_change(first, last, quantity or self.quantity)
+                if change:
+                    yield varied, _range(condition, varied, *ends), change
 
 
-class Trend(StatementTest):
-    """A quantity rises (or falls) along values of one key."""
+class _Followed(StatementTest):
+    """Base of tests that follow a quantity along values of one key, at least so many."""
+
+    fewest = 3
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """A finding of each of `steps`, from the values with an answer that has the quantity."""
+        answers = [read(changes) for changes in self.scenes(condition)]
+        pairs = zip(self.values, answers, strict=True)
+        points = [(v, answer) for v, answer in pairs if answer and _has(answer, self.quantity)]
+        findings = []
+        for first, last, *rest in self.steps(points) if len(points) >= self.fewest else ():
+            change = relative_change(first[1], last[1], self.quantity)
+            if change:
+                where = _range(condition, self.swept, first[0], last[0])
+                findings.append(Finding(where, *change, *rest))
+        return findings
+
+    def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
+        """(first point, last point, sign of a change that favours it, whether decisive)."""
+        raise NotImplementedError
+
+
+class Trend(_Followed):
+    """A quantity rises (or falls) along values of one key: every step, and the whole."""
+
+    fewest = 2
+
+    def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
         """Every step between neighbours, and the whole."""
-        points, favours = self.points(condition, read), 1 if self.rises else -1
-        if len(points) < 2:
-            return []
-        steps = itertools.pairwise(points) if len(points) > 2 else ()
-        findings = [self.step(condition, *step, favours, decisive=False) for step in steps]
-        findings.append(self.step(condition, points[0], points[-1], favours))
-        return [*itertools.chain(*findings)]
+        favours = 1 if self.rises else -1
+        inner = itertools.pairwise(points) if len(points) > 2 else ()
+        steps = [(*step, favours, False) for step in inner]
+        return [*steps, (points[0], points[-1], favours, True)]
 
 
-class InteriorMaximum(StatementTest):
+class InteriorMaximum(_Followed):
     """A quantity is higher somewhere inside a range than at both ends.
 
     The highest interior point is chosen from the same data, which favours the statement by less
     than a standard error.
     """
 
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+    def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
         """The best interior point against either end."""
-        points = self.points(condition, read)
-        if len(points) < 3:
-            return []
         best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
-        ends = (self.step(condition, end, best) for end in (points[0], points[-1]))
-        return [*itertools.chain(*ends)]
+        return [(end, best, 1, True) for end in (points[0], points[-1])]
 
 
-class SingleHump(StatementTest):
+class SingleHump(_Followed):
     """A quantity rises from the first value on to one maximum and falls after it."""
 
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+    def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
         """Every step, in the direction it should have."""
-        points = self.points(condition, read)
-        if len(points) < 3:
-            return []
         values = [answer.quantities[self.quantity].estimate for _, answer in points]
         # A rise up to the edge is no maximum either: the last step before the edge has to fall.
         top = min(max(int(np.argmax(values)), 1), len(points) - 2)
-        steps = (
-            self.step(condition, *step, 1 if k < top else -1)
-            for k, step in enumerate(itertools.pairwise(points))
-        )
-        return [*itertools.chain(*steps)]
+        pairs = enumerate(itertools.pairwise(points))
+        return [(*pair, 1 if k < top else -1, True) for k, pair in pairs]
 
 
 class LargerEffect(StatementTest):
@@ -196,37 +194,32 @@ class LargerEffect(StatementTest):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """For every strong and every weak key: the difference of the sizes of their changes."""
+        both = (self.changes(condition, read, ranges) for ranges in (self.ranges, self.weak))
         findings = []
-        for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
-            ours = self.change(condition, read, strong, ends)
-            theirs = self.change(condition, read, weak, others)
-            if ours and theirs:
-                where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}{_at(condition)}"
-                effect = abs(ours[0]) - abs(theirs[0])
-                findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
+        for (strong, _, ours), (weak, _, theirs) in itertools.product(*both):
+            where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}{_at(condition)}"
+            effect = abs(ours[0]) - abs(theirs[0])
+            findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
         return findings
 
 
 class Unchanged(StatementTest):
     """A quantity changes by less than a share over the ranges of some keys."""
 
+    favours = 1
+
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """A finding for each key, with the margin by which its change stays below the limit."""
-        findings = []
-        for varied, ends in self.ranges:
-            change = self.change(condition, read, varied, ends)
-            if change:
-                margin = self.limit - abs(change[0])
-                findings.append(Finding(_range(condition, varied, *ends), *change, margin=margin))
-        return findings
+        return [
+            Finding(where, *change, self.favours, margin=self.limit - abs(change[0]))
+            for _, where, change in self.changes(condition, read, self.ranges)
+        ]
 
 
 class Changed(Unchanged):
-    """A quantity changes by more than a share over the ranges of some keys."""
+    """A quantity changes by more than a share: a change below the limit contradicts it."""
 
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Findings of `Unchanged` with opposite sign: a change below the limit refutes it."""
-        return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
+    favours = -1
 
 
 class OppositeTrends(StatementTest):
@@ -237,15 +230,15 @@ class OppositeTrends(StatementTest):
 
         As sure as the less sure of the two signs.
         """
+        changes = self.changes(condition, read, self.ranges, self.other)
+        others = {where: change for _, where, change in changes}
         findings = []
-        for varied, ends in self.ranges:
-            one = self.change(condition, read, varied, ends)
-            other = self.change(condition, read, varied, ends, self.other)
-            if one and other:
+        for _, where, one in self.changes(condition, read, self.ranges):
+            if where in others:
+                other = others[where]
                 sure = min(abs(Finding("", *change).sigmas) for change in (one, other))
                 error = abs(other[0]) / sure if sure > 0.0 else math.inf
-                favours = -1 if one[0] > 0.0 else 1
-                findings.append(Finding(_range(condition, varied, *ends), other[0], error, favours))
+                findings.append(Finding(where, other[0], error, -1 if one[0] > 0.0 else 1))
         return findings
 
 
@@ -317,25 +310,23 @@ class Claim:
     conditions: tuple[Changes, ...] = field(default=((),), metadata=LEFT_OUT)
 
 
-TESTS: dict[str, type[StatementTest]] = {
-    test.__name__: test
-    for test in (
-        Trend, InteriorMaximum, SingleHump, LargerEffect, Unchanged, Changed, OppositeTrends,
-        Bimodal, Agreement, WiderBand,
-    )
-}  # fmt: skip
+TESTS = (
+    Trend, InteriorMaximum, SingleHump, LargerEffect, Unchanged, Changed, OppositeTrends, Bimodal,
+    Agreement, WiderBand,
+)  # fmt: skip
 
 
 def _claim(section, sentence, tested, test, conditions=({},), **values):
+    [kind] = [kind for kind in TESTS if kind.__name__ == test]
     if isinstance(conditions, str):
         conditions = entries("paper")["conditions"][conditions]
-    changes = tuple(tuple((SYMBOL_KEYS[s], v) for s, v in each.items()) for each in conditions)
+    changes = tuple(tuple((SYMBOL_KEYS[s], v) for s, v in table.items()) for table in conditions)
     if "swept" in values:
         values["swept"] = SYMBOL_KEYS[values["swept"]]
     for name in {"ranges", "weak"} & values.keys():
         values[name] = tuple((SYMBOL_KEYS[s], tuple(ends)) for s, *ends in values[name])
     values = {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
-    return Claim(section, sentence, tested, TESTS[test](**values), changes)
+    return Claim(section, sentence, tested, kind(**values), changes)
 
 
 CLAIMS = tuple(_claim(**entry) for entry in entries("paper")["statement"])

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from harvester.base.errors import ProgramNotFound
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.identification.identify import identify
@@ -75,12 +74,8 @@ def highest(
     return float(max(values)), 0.0
 
 
-def silverbox_error(
-    place: str, digest: str, scene: Scene, missing: str, report: Callable
-) -> tuple[float, float]:
-    """NRMSE of a run from rest through the test part; ProgramNotFound if the set is missing."""
-    if not place:
-        raise ProgramNotFound(missing)
+def silverbox_error(place: str, digest: str, scene: Scene, report: Callable) -> tuple[float, float]:
+    """NRMSE of a run from rest through the test part."""
     values = np.genfromtxt(place, delimiter=",", skip_header=1)[:, :2]
     values = values - values[slice(*TRAINED)].mean(axis=0)
     (u, y), (tried, response) = (values[slice(*part)].T for part in (TRAINED, TESTED))
@@ -92,16 +87,11 @@ def silverbox_error(
     return float(np.sqrt(np.mean(error**2)) / np.std(response[SKIPPED_SAMPLES:])), 0.0
 
 
-def beam_claims(
-    place: str, digest: str, scene: Scene, missing: str, report: Callable
-) -> tuple[float, float]:
+def beam_claims(place: str, digest: str, scene: Scene, report: Callable) -> tuple[float, float]:
     """Share of the claimed records kept aside that lie within their intervals.
 
-    The tilt of the base is a constant force, found in each record of another tilt. ProgramNotFound
-    if the set is missing.
+    The tilt of the base is a constant force, found in each record of another tilt.
     """
-    if not place:
-        raise ProgramNotFound(missing)
 
     def record(tilt, frequency, level):
         file = Path(place) / BEAM_FILES[tilt, frequency, level]

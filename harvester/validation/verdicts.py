@@ -1,10 +1,9 @@
-"""Verdicts of `harvester stability`: each cell is judged by independent comparisons of known
-sharpness.
+"""Verdicts of `harvester stability`: each cell rests on independent comparisons of known sharpness.
 
-A judge compares one answer with something that does not share its faults: the path with a fine one,
+A reference shares no fault with the answer that is compared with it: the path with a fine one,
 Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
-Each says how sharply it judges. A cell is *right* where none of its judges objects and one at least
-judges to 2 % or better; else it is *not judged*.
+Each comparison tells how sharp it is. A cell is *right* where no reference disagrees and one at
+least is known to 2 % or better; else it is *not judged*.
 """
 
 import math
@@ -27,7 +26,7 @@ WORDS = (RIGHT, REFUSED, NOT_JUDGED, UNFINISHED, WRONG)
 REFUSALS = (SceneError, LoadError, AveragingError)
 # Largest residual of the energy balance, as a share of the energy.
 LARGEST_RESIDUAL = 0.01
-# A judge counts if it judges to this relative error or better.
+# A comparison counts if it is known to this relative error or better.
 SHARP_ENOUGH = 0.02
 # Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
 # and normal, one matrix in eighty would have a false alarm.
@@ -54,7 +53,7 @@ SHORT_NAMES = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """One judge's finding: a deviation and its limit, as shares.
+    """Comparison with one reference: a deviation and its limit, as shares.
 
     Attributes
     ----------
@@ -63,10 +62,10 @@ class Evidence:
     sharpness : float
         Joint standard error of means; of a path the deviation that its step explains.
     largest : float
-        Deviation up to which the judge agrees.
+        Deviation up to which both agree.
     """
 
-    judge: str
+    reference: str = field(metadata=key("judge"))
     of: str
     deviation: float
     sharpness: float
@@ -79,11 +78,11 @@ class Evidence:
 
     @property
     def sharp(self) -> bool:
-        """Whether the judge is good enough to call a cell right."""
+        """Whether the comparison is good enough to call a cell right."""
         return self.sharpness <= SHARP_ENOUGH
 
     def __str__(self):
-        return f"{self.of} is {self.deviation:+.2%} off {self.judge} (limit {self.largest:.2%})"
+        return f"{self.of} is {self.deviation:+.2%} off {self.reference} (limit {self.largest:.2%})"
 
 
 @dataclass(frozen=True)
@@ -95,19 +94,19 @@ class CaseVerdict:
     evidence: tuple[Evidence, ...] = ()
 
     @property
-    def judges(self) -> list[Evidence]:
-        """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
+    def references(self) -> list[Evidence]:
+        """The first evidence by each reference (on E[V²] if there is any) that is sharp enough,
         sharpest first."""
         first: dict[str, Evidence] = {}
         for evidence in self.evidence:
-            first.setdefault(evidence.judge, evidence)
+            first.setdefault(evidence.reference, evidence)
         return sorted((e for e in first.values() if e.sharp), key=lambda e: e.sharpness)
 
     def text(self) -> str:
-        """The verdict's word, or who judged and how sharply."""
+        """The verdict's word, or the references and how sharp they are."""
         if self.word != RIGHT:
             return self.word
-        return ", ".join(f"{_short(e.judge)} {_percent(e.sharpness)}" for e in self.judges)
+        return ", ".join(f"{_short(e.reference)} {_percent(e.sharpness)}" for e in self.references)
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,9 @@ def _weighed(answer, evidence):
     if objections:
         return CaseVerdict(WRONG, "; ".join(objections), evidence)
     cell = CaseVerdict(RIGHT, "", evidence)
-    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(answer, evidence), evidence)
+    return (
+        cell if cell.references else CaseVerdict(NOT_JUDGED, _why_not(answer, evidence), evidence)
+    )
 
 
 def _why_not(answer, evidence):
@@ -186,19 +187,19 @@ def _of_engine(answer):
     path = answer.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
-    judge = f"fine {path.reference} path"
+    reference = f"fine {path.reference} path"
     followed = path.compared_periods / path.comparable_periods
     if followed < LEAST_FOLLOWED:
-        return (Evidence(judge, "length of the path followed", followed - 1.0, 1.0, 0.0),)
+        return (Evidence(reference, "length of the path followed", followed - 1.0, 1.0, 0.0),)
     if path.compared_periods < FEWEST_PERIODS:
         return ()
-    limits = {judge: path.of_limit}
+    limits = {reference: path.of_limit}
     if not math.isnan(path.of_mechanics):
         limits["the mass under the recorded voltage"] = path.of_mechanics
     words, allowed = "limit for short steps", path.resolution
     evidence = [Evidence(name, words, of, allowed, allowed) for name, of in limits.items()]
     squares = "mean squares along the path"
-    bias = Evidence(judge, squares, path.of_mean_squares, LARGEST_STEP_BIAS, LARGEST_STEP_BIAS)
+    bias = Evidence(reference, squares, path.of_mean_squares, LARGEST_STEP_BIAS, LARGEST_STEP_BIAS)
     return (*evidence, bias)
 
 
@@ -242,20 +243,20 @@ def _of_means(method, scene, answered):
     return evidence
 
 
-def _of_pair(simulated, solved, judge):
+def _of_pair(simulated, solved, reference):
     for name in MEANS:
         ours, theirs = simulated.estimates[name], solved.estimates[name]
         error = max(theirs.standard_error, SOLVER_ERROR * abs(theirs.estimate))
-        yield from _of_mean(judge, name, ours, theirs.estimate, error)
+        yield from _of_mean(reference, name, ours, theirs.estimate, error)
 
 
-def _of_mean(judge, name, ours, value, error):
+def _of_mean(reference, name, ours, value, error):
     """Evidence on one mean, none without an error bar or where nothing is harvested."""
     if ours.standard_error is None or ours.estimate == value == 0.0:
         return
     joint = _share(math.hypot(ours.standard_error, error), value)
     deviation = _share(ours.estimate - value, value)
-    yield Evidence(judge, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
+    yield Evidence(reference, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
 
 
 def _share(part, total):
@@ -269,8 +270,8 @@ def _words(name):
     return name.replace("_", " ")
 
 
-def _short(judge):
-    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+def _short(reference):
+    return "path" if reference.endswith("path") else SHORT_NAMES.get(reference, reference)
 
 
 def _percent(share):

@@ -41,8 +41,8 @@ class TruthRow:
         nan where there is none.
     reason : str
         Why there is none.
-    skipped : bool
-        It needs another program, which is not installed.
+    ended : str
+        The verdict where there is none.
     """
 
     truth: Truth
@@ -50,7 +50,7 @@ class TruthRow:
     value: float = math.nan
     standard_error: float = math.nan
     reason: str = ""
-    skipped: bool = False
+    ended: str = ""
 
     @property
     def limit(self) -> float:
@@ -60,10 +60,8 @@ class TruthRow:
     @property
     def verdict(self) -> str:
         """holds, FAILS, misses, not known well enough, refused, not here or unfinished."""
-        if self.skipped:
-            return NOT_HERE
-        if self.reason:
-            return UNFINISHED if self.reason == UNFINISHED else REFUSED
+        if self.ended:
+            return self.ended
         if not abs(self.value - self.truth.exact) <= self.limit:
             return MISSES if self.truth.device else FAILS
         blunt = SIGNIFICANT_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
@@ -100,17 +98,18 @@ class TruthRow:
 def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
     """A method beside a truth: its answer, the error it ended with, or None."""
     if outcome is None:
-        return TruthRow(truth, method, reason=UNFINISHED)
+        return TruthRow(truth, method, reason=UNFINISHED, ended=UNFINISHED)
     if isinstance(outcome, ProgramNotFound):
-        return TruthRow(truth, method, reason=str(outcome), skipped=True)
+        return TruthRow(truth, method, reason=str(outcome), ended=NOT_HERE)
     if isinstance(outcome, HarvesterError):
-        return TruthRow(truth, method, reason=told(outcome))
+        return TruthRow(truth, method, reason=told(outcome), ended=REFUSED)
     if isinstance(outcome, (tuple, list)):
         return TruthRow(truth, method, *outcome)
     estimate = outcome.in_units()[truth.quantity]
     error = estimate.standard_error if outcome.scene.excitation.random else 0.0
     if error is None:
-        return TruthRow(truth, method, reason=f"no error bar: {'; '.join(outcome.notes)}")
+        reason = f"no error bar: {'; '.join(outcome.notes)}"
+        return TruthRow(truth, method, reason=reason, ended=REFUSED)
     return TruthRow(truth, method, estimate.estimate, error)
 
 
@@ -153,7 +152,7 @@ class Verification:
                 f"measured devices: {within} of {len(self.measured)} rows within what reading and "
                 "scatter of the measurement allow"
             )
-        for name, rows in _by_device(self.measured):
+        for name, rows in _by_device(self.measured).items():
             reason = next((row.reason for row in rows if row.reason), "")
             # A set that was downloaded is one row.
             single = f"{rows[0].value:.2%} {rows[0].truth.unit}, {rows[0].verdict}"
@@ -228,12 +227,14 @@ def verify(
     clock = time.perf_counter()
     truths = [*catalogue(), *measured()] if chosen is None else chosen
     asked = [(truth, *question) for truth in truths for question in truth.asked.items()]
-    questions = [question for *_, question in asked]
     with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
-        answers = iter(runner.answer([q for q in questions if isinstance(q, Request)]))
-        results = iter(runner.run([q for q in questions if isinstance(q, Task)]))
+        outcomes = {
+            kind: iter(ask([question for *_, question in asked if isinstance(question, kind)]))
+            for kind, ask in ((Request, runner.answer), (Task, runner.run))
+        }
+    # What is neither a request nor a task is the reason why nothing can be computed.
     rows = [
-        row_of(truth, method, next(answers if isinstance(question, Request) else results))
+        row_of(truth, method, next(outcomes.get(type(question), iter([question]))))
         for truth, method, question in asked
     ]
     today = datetime.date.today().isoformat()
@@ -242,7 +243,7 @@ def verify(
 
 def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     """Markdown of the rows of measured devices: every point, what is inferred, and the misses."""
-    known, by_device = entries("known_results"), dict(_by_device(rows))
+    known, by_device = entries("known_results"), _by_device(rows)
     parts = []
     for device in known["device"]:
         device_rows, name = by_device.get(device["name"], []), device["name"]
@@ -253,12 +254,13 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
             parts.append(_listed([*remarks, f"Predicted: {summary(device_rows)}"]))
             parts.append(markdown_table(_points(device_rows)))
     cures = {entry["device"]: entry["cure"] for entry in known["set"]}
-    lines = [
-        [row.truth.device, row.truth.title, row.method, _expected(row.truth),
-         "" if row.reason else f"{row.value:.2%}", row.verdict]
-        for name in cures
-        for row in by_device.get(name, ())
-    ]  # fmt: skip
+    lines = []
+    for row in (row for name in cures for row in by_device.get(name, ())):
+        # An exact share, or no more than what others published.
+        exact, most = row.truth.exact, row.truth.allowance
+        expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
+        value = "" if row.reason else f"{row.value:.2%}"
+        lines.append([row.truth.device, row.truth.title, row.method, expected, value, row.verdict])
     if lines:
         head = ["set", "result", "by", "expected", "ours", "verdict"]
         parts += [
@@ -274,11 +276,6 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         known["page"]["opening"],
         *parts,
     )
-
-
-def _expected(truth):
-    """An exact share, or no more than what others published."""
-    return f"{truth.exact:.0%}" if truth.exact else f"{truth.allowance:.2%} and below"
 
 
 def _points(rows):
@@ -311,11 +308,11 @@ def summary(rows: Sequence[TruthRow]) -> str:
 
 
 def _by_device(rows):
-    """(device, its rows), in the order of the rows."""
+    """The rows by their device, in the order of the rows."""
     grouped: dict[str, list[TruthRow]] = {}
     for row in rows:
         grouped.setdefault(row.truth.device, []).append(row)
-    return list(grouped.items())
+    return grouped
 
 
 def _page(*parts):

@@ -109,9 +109,6 @@ def test_table_sentences_and_json_tell_the_same(diagram):
     assert len(cells) == len(FEW) + len(diagram.closures)
     assert {len(line) for line in cells} == {len(header)}
     content = json.loads(json.dumps(diagram.to_dict(), allow_nan=False))
-    assert list(content) == ["work_precision", "time_to_accuracy"]
-    assert len(content["time_to_accuracy"]["methods"]) == len(FEW)
-    content = content["work_precision"]
     assert len(content["methods"]) == len(FEW)
     assert {"date", "cores", "processor"} <= set(content["machine"])
     assert [line["mean_step"] > 0.0 for line in content["methods"]] == [True] * len(FEW)
@@ -170,10 +167,10 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     whole = measurement.realizations_task
 
-    def failing(scene, method, indices, runner, *function):
-        if method.engine == "circuit" and not function:
+    def failing(scene, method, indices, runner, function):
+        if method.engine == "circuit" and function is measurement.timed:
             return Task(worker_calls.fail, {"reason": f"timestep too small at {indices[0]}"})
-        return whole(scene, method, indices, runner, *function)
+        return whole(scene, method, indices, runner, function)
 
     monkeypatch.setattr(measurement, "realizations_task", failing)
     diagram = accuracy(Scene.read("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
@@ -343,23 +340,24 @@ def test_both_pictures_tell_of_the_same_runs(steady):
 def test_a_rectifier_is_timed_by_its_output_power(pool):
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5", "run.realizations=2"]
     found = accuracy(Scene.read("device", overrides), methods=LOAD_METHODS[:1], executor=pool)
-    assert found.quantities == ("mean_output_power", "power_conversion_efficiency")
+    assert tuple(found.errors) == ("mean_output_power", "power_conversion_efficiency")
     assert set(found.refused) == {"consistent"}
 
 
 @pytest.mark.slow
 def test_the_figure_has_few_entries_names_its_lines_and_ends_at_the_data(steady):
-    """All groups of methods, and averaging, make eight entries at most."""
+    """All groups of methods, and the sampling error, make eight entries at most."""
     groups = dict.fromkeys(each.group for each in (*METHODS, *COMPILED_METHODS))
     assert len(groups) + 1 <= 8
     with style.context(figures.STYLE):
         figure = draw(steady)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["Monte Carlo, Heun", "the reference", "averaging"]
+    assert labels == ["Monte Carlo, Heun", "the reference", "sampling error alone"]
     strong, *panels = figure.axes
+    assert len(panels) == len(MEANS) + len(steady.errors)
+    for axes in panels:
+        assert axes.get_legend_handles_labels()[1] == ["sampling error alone"]
     texts = [text.get_text() for axes in panels for text in axes.texts]
-    assert texts.count("sampling error of the run") == len(MEANS)
-    assert texts.count("sampling error alone\n(reference)") == len(steady.quantities)
     # Averaging is a point at its own run time, with its name.
     assert texts.count("consistent") == len(panels)
     errors = [row.strong["displacement"] for row in steady.rows]
@@ -376,7 +374,7 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
     shown = capsys.readouterr().out
     for word in ("PWL in the netlist, gear", "averaging, consistent", "µs per unit", "to 1%"):
         assert word in shown
-    content = json.loads((tmp_path / "linear-accuracy.json").read_text())["work_precision"]
+    content = json.loads((tmp_path / "linear-accuracy.json").read_text())
     on = {each["device"] for each in content["methods"]} - {"behavioural"}
     assert len(content["methods"]) == len(METHODS) + len(COMPILED_METHODS if on else ())
     assert (tmp_path / "linear-accuracy.png").read_bytes().startswith(b"\x89PNG")

@@ -286,7 +286,7 @@ def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatc
     (row,) = stability(Scene.read("linear"), cases=[CASE], workers=1).rows
     verdict = row.cells["monte-carlo"]
     assert verdict.word == RIGHT
-    assert {each.judge for each in verdict.judges} >= {"small motion", "fokker_planck"}
+    assert {each.reference for each in verdict.references} >= {"small motion", "fokker_planck"}
 
 
 @pytest.mark.exhaustive

@@ -27,12 +27,13 @@ BARE, TIPPED, BRIDGE = DEVICES
 
 def closed_form(device, frequency, resistance):
     """Mean power of a linear device: (K − M ω² + iω C) x + θ V = −μ M a, Y V = iω θ x."""
-    mass, stiffness, coupling, capacitance, base_factor, ratio = device["lumped"].values()
+    scene = device["scene"]
+    mass, damping, stiffness, base_factor = scene["oscillator"].values()
+    coupling, capacitance = scene["piezo"].values()
     rate = 2j * math.pi * float(frequency)
-    damping = 2.0 * ratio * math.sqrt(stiffness * mass)
     volts = rate * coupling / (1.0 / resistance + rate * capacitance)
     mechanical = stiffness + mass * rate**2 + damping * rate
-    force = base_factor * mass * device["acceleration"]
+    force = base_factor * mass * scene["excitation"]["amplitude"]
     return abs(volts * force / (mechanical + coupling * volts)) ** 2 / (2.0 * resistance)
 
 
@@ -65,8 +66,8 @@ def test_limits_come_from_the_measurement():
             shares = [each.allowance / each.exact for each in own]
             assert shares == pytest.approx([share] * len(own))
     # As the papers' coupling says.
-    lumped = BRIDGE["lumped"]
-    square = lumped["coupling"] ** 2 / lumped["capacitance"] / lumped["stiffness"]
+    piezo, stiffness = BRIDGE["scene"]["piezo"], BRIDGE["scene"]["oscillator"]["linear_stiffness"]
+    square = piezo["coupling"] ** 2 / piezo["capacitance"] / stiffness
     assert square == pytest.approx(0.0289, rel=2e-3)
 
 
@@ -87,14 +88,25 @@ def test_a_row_is_what_the_closed_form_gives_and_a_miss_is_no_failure(pool):
     assert "misses" in told.markdown() + page
 
 
-def test_a_set_that_was_not_downloaded_is_said_so(pool, monkeypatch):
+def test_a_set_that_was_not_downloaded_is_said_so(pool, monkeypatch, tmp_path):
     for variable in ("SILVERBOX", "BISTABLEX"):
         monkeypatch.delenv(variable, raising=False)
-    told = verify(chosen=downloaded(), runner=Runner(pool))
+    runner = Runner(pool)
+    told = verify(chosen=downloaded(), runner=runner)
     assert [row.verdict for row in told.rows] == [NOT_HERE, NOT_HERE]
-    sentences = " ".join(told.sentences())
-    assert "set SILVERBOX=SNLS80mV.csv" in sentences
-    assert "set BISTABLEX=BistableX/DataExperimental" in sentences
+    silverbox, beam = told.sentences()[-2:]
+    assert silverbox.startswith(
+        "Silverbox, a Duffing oscillator of electronics: not downloaded: take"
+    )
+    assert silverbox.endswith("set SILVERBOX=SNLS80mV.csv")
+    assert beam.endswith("set BISTABLEX=BistableX/DataExperimental")
+    # No task was begun for them, of which the runner could say that it ended early.
+    assert runner.computed == 0
+    assert runner.warnings == []
+    monkeypatch.setenv("SILVERBOX", str(tmp_path))
+    assert (
+        downloaded()[0].asked["identify"].args[0].startswith(f"SILVERBOX = {tmp_path}: not the set")
+    )
 
 
 @pytest.mark.exhaustive

@@ -21,7 +21,7 @@ from harvester.validation import paper_figures as figures_list
 from harvester.validation import paper_figures as runs
 from harvester.validation import reproduce as module
 from harvester.validation.paper_figures import FIGURES
-from harvester.validation.reproduce import Effort, Reproduction, reproduce
+from harvester.validation.reproduce import Effort, reproduce
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -77,9 +77,8 @@ def test_figures_share_the_scenes_that_they_have_in_common():
     requests = [
         request
         for name in ("fig7", "fig9")
-        for lines in module.plan(SCENE, FIGURES[name], quick=True)
-        for line in lines
-        for _, request in line["monte-carlo"]
+        for _, _, method, _, request in module.plan(name, SCENE, quick=True).points()
+        if method == "monte-carlo"
     ]
     assert len(requests) == 10 + 45
     assert len(set(requests)) == len(requests) - 10
@@ -105,14 +104,15 @@ def constant(value, simulated_time=0.0):
 
 def synthetic(name, outcome=lambda method, value: constant(0.2)):
     """A whole figure without computing it; `outcome` of a method at a value."""
+    planned = module.plan(name, SCENE, quick=True)
     lines = [
         [
             {m: [(v, outcome(m, v)) for v, _ in points] for m, points in line.items()}
             for line in panel
         ]
-        for panel in module.plan(SCENE, FIGURES[name], quick=True)
+        for panel in planned.lines
     ]
-    return Reproduction(name, FIGURES[name], SCENE, lines, True, 0.0)
+    return replace(planned, lines=lines)
 
 
 def test_a_refused_point_is_a_gap_in_its_line_and_named():
@@ -126,7 +126,7 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     content = synthetic("fig7", outcome)
     with style.context(figures.STYLE):
         axes = drawing.draw(content).axes[0]
-    lines = [line for line in axes.lines if len(line.get_xdata()) == 5]
+    lines = [line for line in axes.lines if line.get_linestyle() != "None"]
     assert len(lines) == 2 * len(NOISE_CLOSURES)
     gaps = [np.flatnonzero(np.isnan(line.get_ydata())).tolist() for line in lines]
     assert gaps == [[2] if method == "consistent" else [] for method in 2 * (*NOISE_CLOSURES,)]
@@ -167,13 +167,7 @@ def test_the_legend_of_methods_fits_into_the_figure(name):
 def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, monkeypatch):
     """Ctrl-C in the moment when the last point of the first two figures is there."""
 
-    first = {
-        request
-        for panel in module.plan(SCENE, FIGURES["fig5"], quick=True)
-        for line in panel
-        for points in line.values()
-        for _, request in points
-    }
+    first = {request for *_, request in module.plan("fig5", SCENE, quick=True).points()}
 
     def interrupted(self, requests, on_answer, in_turn):
         for index, request in enumerate(requests):

@@ -47,7 +47,7 @@ def with_path(**changes):
 def test_a_cell_that_its_judges_agree_with_is_right_and_says_how_sharply():
     found = verdicts(monte_carlo=said(1.03), fokker_planck=closure())
     assert {each.word for each in found.values()} == {"right"}
-    sharp = {each.judge: each.sharpness for each in found["monte-carlo"].judges}
+    sharp = {each.reference: each.sharpness for each in found["monte-carlo"].references}
     assert sharp["fine monte-carlo path"] == 3e-3
     assert sharp["fokker_planck"] == pytest.approx(math.hypot(0.01, 0.005))
 
