@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Answer, relative_error
 from harvester.engines.simulate import require_noise
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
@@ -30,9 +31,6 @@ from harvester.validation.accuracy_measurement import (
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.throughput import ratios
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # Relative errors: of the answer that is timed, and of the bias that is asked for.
 WANTED_ERROR = WANTED_BIAS = 0.01
 # An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
@@ -42,8 +40,8 @@ LEAST_RATIO = 2.0
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 
-@dataclass(frozen=True)
-class Accuracy:
+@dataclass(frozen=True, repr=False)
+class Accuracy(ResultBase):
     """Errors and run times of all methods on one scene.
 
     Attributes
@@ -114,7 +112,17 @@ class Accuracy:
         error = abs(ratio) * math.hypot(*errors)
         return Estimate(ratio - 1.0, error if math.isfinite(error) else None, None, "1")
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Errors and times of every method; error against run time."""
+        from harvester.validation.accuracy_drawing import draw
+
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(draw, self)],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
         header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
         header += ["µs per unit"]
@@ -146,7 +154,7 @@ class Accuracy:
             ),
         ]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Whether the default step does, and what is behind the numbers."""
         answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
@@ -196,12 +204,6 @@ class Accuracy:
             "this run is too short to show that any step keeps every bias below 1 %: raise "
             "run.duration, or take --thorough",
         ]
-
-    def figure(self) -> Figure:
-        from harvester.results import figures
-        from harvester.validation.accuracy_drawing import draw
-
-        return figures.drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""

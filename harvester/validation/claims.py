@@ -9,6 +9,7 @@ from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.serialising import fields_of, key, plain
 from harvester.base.tables import markdown_table
 from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.results.view import ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
@@ -92,8 +93,8 @@ def opinion_of(findings: Sequence[Finding]) -> Opinion:
     return Opinion(word, tuple(findings))
 
 
-@dataclass(frozen=True)
-class ReproducedStatements:
+@dataclass(frozen=True, repr=False)
+class ReproducedStatements(ResultBase):
     """All statements with the opinion of each method; `harvester reproduce claims` shows it.
 
     Attributes
@@ -111,11 +112,19 @@ class ReproducedStatements:
     wall_seconds: float
     name = "claims"
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            texts=lambda: {".md": self.markdown()},
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["section", "statement", *METHODS]
         return header, [[c.section, c.says, *_texts(opinions)] for c, opinions in self.opinions]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         details = self._details().items()
         return [f"{says}: {line}" if says else line for says, lines in details for line in lines]
 
@@ -166,9 +175,6 @@ class ReproducedStatements:
             for says, lines in details.items()
         ]
         return "\n\n".join(parts) + "\n"
-
-    def figure(self) -> None:
-        """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
         content = {

@@ -9,7 +9,7 @@ along the same orbits, which Eq. 10 replaces by one harmonic.
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -18,14 +18,11 @@ from harvester.averaging.density import Layer
 from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
 from harvester.base.serialising import fields_of, key
-from harvester.results.figures import drawn
 from harvester.results.panels import Panel, Series, draw_panels, set_title
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.validation.paper_drawing import COLOURS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Energy of the outermost orbit above U(0), scaled. It allows speeds up to 2.8.
 HIGHEST = 4.0
@@ -39,7 +36,7 @@ CHECKED, POINTS = 5, 512
 TRENCH = 1.0
 
 
-class _PaperMap:
+class _PaperMap(ResultBase):
     """Base of both figures: how they are written.
 
     Attributes
@@ -61,7 +58,7 @@ class _PaperMap:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Surfaces(_PaperMap):
     """Fig. 2: arrays over a grid of displacement (columns) and velocity (rows), scaled."""
 
@@ -75,18 +72,23 @@ class Surfaces(_PaperMap):
     name = "fig2"
     computed = "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit"
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw_surfaces, self)],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
         return ["figure", "what", "greatest"], [
             [self.name, "H", f"{highest:.3g}"],
             [self.name, "ω", f"{fastest:.3g} rad/s"],
         ]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
-
-    def figure(self) -> "Figure":
-        return drawn(_draw_surfaces, self)
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class EdgeVoltages:
         return [float(share[np.argmax(np.abs(share))]) for share in shares]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OrbitVoltages(_PaperMap):
     """Fig. 3: {"with stoppers": {"wells": EdgeVoltages, "outer": EdgeVoltages}, "without": …}."""
 
@@ -129,7 +131,15 @@ class OrbitVoltages(_PaperMap):
         "frequency, with stoppers and with K = 0; checked: Eq. 4b solved along the orbit"
     )
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw_orbit_voltages, self)],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: the range of frequencies of each kind of orbit."""
         header = ["figure", "device", "orbits", "lowest ω", "highest ω", "greatest |V|"]
         header += ["Eq. 10 against Eq. 4b: swing", "middle, in swings"]
@@ -142,16 +152,13 @@ class OrbitVoltages(_PaperMap):
                 rows[-1] += [f"{worst:+.1%}" for worst in r.worst()]
         return header, rows
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
             f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",
             f"{self.name}: Eq. 10 measures V from the well's bottom, Eq. 4b from the orbit's mean "
             "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
-
-    def figure(self) -> "Figure":
-        return drawn(_draw_orbit_voltages, self)
 
 
 def surfaces(scene: Scene) -> Surfaces:

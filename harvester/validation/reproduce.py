@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, relative_error
 from harvester.engines.simulate import check_name
-from harvester.results.figures import drawn
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
@@ -36,9 +36,6 @@ from harvester.validation.paper_figures import (
     told_of,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 class Effort(NamedTuple):
     """How much is computed: realizations at first, the relative standard error that more are
@@ -56,8 +53,8 @@ WITHOUT_NOISE = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
 NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
 
 
-@dataclass(frozen=True)
-class Reproduction:
+@dataclass(frozen=True, repr=False)
+class Reproduction(ResultBase):
     """One figure with all that was computed for it.
 
     Attributes
@@ -105,7 +102,16 @@ class Reproduction:
     def failed_runs(self) -> int:
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(draw, self)],
+            records=self._records,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
         what = "∫|p − p'| dX to" if self.is_density else "deviation from"
@@ -118,7 +124,7 @@ class Reproduction:
                 rows[-1] += _summary(points, self._deviations(method, lines))
         return header, rows
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Notes that belong to the figure."""
         lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
         short: dict[tuple[str, str], list[str]] = {}
@@ -131,9 +137,6 @@ class Reproduction:
             f"{self.name}: {method} at {'; '.join(places)}: {note}"
             for (method, note), places in short.items()
         ]
-
-    def figure(self) -> "Figure":
-        return drawn(draw, self)
 
     def answered(self, answers: dict[Request, Outcome], wall_seconds: float) -> "Reproduction":
         """The figure of a plan with the outcomes of its requests."""
@@ -169,7 +172,7 @@ class Reproduction:
             ],
         }
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, one a point and quantity."""
         header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
         rows = [

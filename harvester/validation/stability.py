@@ -8,15 +8,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 from harvester.base.errors import SceneError
 from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.simulate import check_step, require_noise
 from harvester.engines.task import Task
-from harvester.results.figures import drawn
 from harvester.results.panels import set_title
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.validation import TIME_LIMIT
@@ -36,9 +36,6 @@ from harvester.validation.verdicts import (
     row_of_case,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 LEGEND = (
     "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the\n"
     "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
@@ -51,8 +48,8 @@ PAGE, WIDTH = 30, 12.0
 NAME, SHORTEST = 0.22, 14
 
 
-@dataclass(frozen=True)
-class StabilityMatrix:
+@dataclass(frozen=True, repr=False)
+class StabilityMatrix(ResultBase):
     """All rows of one scene; `harvester stability` shows it."""
 
     scene: Scene
@@ -81,7 +78,20 @@ class StabilityMatrix:
         """(case title, method, reason) of every wrong cell."""
         return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """The verdict of each cell; a figure has `PAGE` rows, which can be read in print."""
+        starts = range(0, len(self.rows), PAGE)
+        parts = [replace(self, rows=self.rows[start : start + PAGE]) for start in starts]
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[
+                Picture(_draw, part, str(number) if number > 1 else "")
+                for number, part in enumerate(parts, 1)
+            ],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["case", *self.methods, "residuals", "seconds"]
         return header, [self._cells_of(row) for row in self.rows]
 
@@ -97,7 +107,7 @@ class StabilityMatrix:
             f"{sum(answer.seconds for answer in answers if answer):.1f}",
         ]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the verdicts, one line each; a reason is stated once for all cells
         that share it."""
         lines = [f"{self.counts} in {self.wall_seconds:.0f} s", LEGEND.replace("\n", " ")]
@@ -111,14 +121,6 @@ class StabilityMatrix:
                 for (method, reason), titles in shared.items()
             ]
         return lines
-
-    def figure(self) -> Figure:
-        return drawn(_draw, self)
-
-    def figures(self) -> list[Figure]:
-        """Figures of `PAGE` rows that can be read in print."""
-        parts = [self.rows[first : first + PAGE] for first in range(0, len(self.rows), PAGE)]
-        return [replace(self, rows=part).figure() for part in parts]
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -17,6 +17,7 @@ from harvester.base.tables import markdown_table
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, told
 from harvester.engines.task import Task
+from harvester.results.view import ResultBase, View
 from harvester.validation import SIGNIFICANT_SIGMAS, entries
 from harvester.validation.known_results import Truth, catalogue, measured, scatter_of
 from harvester.version import __version__
@@ -113,8 +114,8 @@ def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
     return TruthRow(truth, method, estimate.estimate, error)
 
 
-@dataclass(frozen=True)
-class Verification:
+@dataclass(frozen=True, repr=False)
+class Verification(ResultBase):
     """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
 
     rows: list[TruthRow]
@@ -139,11 +140,19 @@ class Verification:
     def measured(self) -> list[TruthRow]:
         return [row for row in self.rows if row.truth.device]
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            texts=self.texts,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
         return header, [row.cells() for row in self.rows]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """How many rows hold, and everything about those that do not."""
         lines = self._exact_sentences()
         if self.measured:
@@ -175,7 +184,7 @@ class Verification:
     def markdown(self) -> str:
         """A page with the table, numbered sources and everything about rows that do not hold."""
         sources = list(dict.fromkeys(row.truth.source for row in self.exact))
-        lines, before = [[*self.table()[0], "source"]], None
+        lines, before = [[*self._table()[0], "source"]], None
         for row in self.exact:
             cells = row.cells()
             # The truth is printed once if several methods are compared with it.
@@ -194,13 +203,11 @@ class Verification:
         )
 
     def texts(self) -> dict[str, str]:
-        """The page of the measured devices."""
-        if not self.measured:
-            return {}
-        return {"-measured.md": measured_page(self.measured, self.date)}
-
-    def figure(self) -> None:
-        """The table says it all."""
+        """The pages of the results and, where there are any, of the measured devices."""
+        pages = {".md": self.markdown()}
+        if self.measured:
+            pages["-measured.md"] = measured_page(self.measured, self.date)
+        return pages
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -236,7 +236,7 @@ def test_a_long_table_comes_in_pages_and_its_refusals_are_folded():
     matrix = StabilityMatrix(Scene.read("paper"), rows, 1.0)
     shown = [
         {cell.get_text().get_text() for cell in figure.axes[0].tables[0].get_celld().values()}
-        for figure in matrix.figures()
+        for figure in (picture.figure() for picture in matrix.view().pictures)
     ]
     assert [sum("case" in text for text in page) for page in shown] == [30, 30, 7]
     page = table_in_pages(*matrix.table()) + all_facts(matrix.sentences())
