@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 # Written as text, so that importing a module with public functions imports no scene and no numba.
 SceneOrName: TypeAlias = Union["Scene", str, Path]
 KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
-# Former names of options, with the present ones.
-FORMER_NAMES = {"engine": "method", "closure": "method", "pool": "runner"}
 
 Options = ParamSpec("Options")
 Answer = TypeVar("Answer")
@@ -63,13 +61,8 @@ def takes_scene(
             )
         for option in options:
             if option not in accepted:
-                former = FORMER_NAMES.get(option)
-                hint = (
-                    f" (did you mean {former}?)"
-                    if former in accepted
-                    else nearest(option, accepted)
-                )
-                hint = hint or f"; there are {', '.join([*accepted][1:])}"
+                names = [*accepted][1:]
+                hint = nearest(option, names) or f"; there are {', '.join(names)}"
                 raise UnknownOption(f"{name}: no option {option}{hint}")
         with usual_arithmetic():
             scene = scene_of(scene)

@@ -25,8 +25,7 @@ def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "options", "words"),
     [
-        ((), {"engine": "circuit"}, "no option engine .did you mean method"),
-        ((), {"closure": "paper"}, "no option closure .did you mean method"),
+        ((), {"engine": "circuit"}, "no option engine; there are method, step"),
         ((), {"stop": 1.0}, "no option stop .did you mean step"),
         ((), {"zzzz": 1.0}, "no option zzzz; there are method, step"),
         (("circuit",), {}, "'circuit' stands without its name: .* method="),
