@@ -178,7 +178,8 @@ class Excitation(Table, ABC):
     def check(self, units: str, run: Run, origin: str) -> None:
         """Refuse values that are valid one by one but not together, or not with this run.
 
-        `origin` is the file's or the scene's name, for the message of the SceneError.
+        `run.duration` is None where the scene leaves it to the excitation. `origin` is the file's
+        or the scene's name, for the message of the SceneError.
         """
 
     def _refuse_unit(self, units: str, choices: str, origin: str) -> NoReturn:

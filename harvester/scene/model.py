@@ -111,13 +111,13 @@ class Scene(Table):
             folder = _folders(folder)
             parts["load"] = _with_circuit(parts["load"], folder, top.units, origin, changed)
         parts["oscillator"] = _damped(parts["oscillator"], origin)
+        parts["excitation"].check(top.units, parts["run"], origin)
         parts["run"] = _lasting(parts["run"], parts["excitation"], origin)
         parts["transducer"] = _coupled(
             parts.pop(transducer), transducer, parts["oscillator"], origin
         )
         name = plain_text.name(name)
         scene = cls(name, top.units, length_scale=top.length_scale, folder=folder, **parts)
-        scene.excitation.check(scene.units, scene.run, origin)
         if scene.run.starts is not None and scene.excitation.random:
             raise SceneError(
                 f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "

@@ -77,3 +77,9 @@ def test_the_load_of_a_scene_is_its_table_and_the_class_reads_scenes():
     assert scene.load.decay_rate == scene.to_tables()["load"]["decay_rate"]
     with pytest.raises(AttributeError):
         scene.load = None
+
+
+@pytest.mark.parametrize("option", ["workers", "time_budget"])
+def test_true_is_no_number(option):
+    with pytest.raises(harvester.HarvesterError, match="True: must be a"):
+        harvester.sweep("paper", {"load.decay_rate": [1.0]}, **{option: True})
