@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import key, not_negative, positive, table
+from harvester.device.keys import not_negative, positive, table
 from harvester.excitation.base import ExcitationPath, Run, knots
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 
@@ -27,7 +27,6 @@ class SweptSine(Harmonic):
     frequency: float = positive("frequency: where the sweep begins", "Hz", required=True)
     end_frequency: float = positive("end frequency: where it turns back", "Hz", required=True)
     octaves_per_minute: float = positive("octaves per minute", "1/min", default=1.0)
-    phase: float = key("phase: at the beginning", "rad", default=0.0, rare=True)
     kind: str = "swept-sine"
     knot_spacing: float | None = knots("a fortieth of the shortest period, or of the device's")
 
@@ -78,7 +77,7 @@ class SweptPath(ExcitationPath):
         self._once = 60.0 * abs(octaves) / sweep.octaves_per_minute
         self._rate = math.log(2.0) * octaves / self._once
         self._first, self._amplitude = sweep.frequency, sweep.amplitude / length
-        self._phase, self._next = sweep.phase, 0
+        self._next = 0
 
     def read(self, count: int) -> np.ndarray:
         times = np.arange(self._next, self._next + count) * self.spacing
@@ -91,4 +90,4 @@ class SweptPath(ExcitationPath):
         turns = np.where(back, 2.0 * one_way - turns, turns) + np.mod(2.0 * one_way * sweeps, 1.0)
         frequency = self._first * np.exp(self._rate * since)
         heights = self._amplitude / np.sinc(frequency * self.spacing) ** 2
-        return heights * np.sin(2.0 * math.pi * np.mod(turns, 1.0) + self._phase)
+        return heights * np.sin(2.0 * math.pi * np.mod(turns, 1.0))
