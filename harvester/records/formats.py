@@ -11,7 +11,7 @@ from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 from harvester.base.reading import memory_limit, read_input
 from harvester.base.registry import Registry
-from harvester.records import au, hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
+from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
 from harvester.records.table import Format, Table
 
 # Formats by the ending of their files. An ending that is not here is that of a text, unless an
@@ -21,7 +21,6 @@ FORMATS: Registry[Format] = Registry(
     "harvester.record_formats",
     {
         **dict.fromkeys((".csv", ".txt", ".dat", ".tsv", ".asc", ".lvm"), text.FORMAT),
-        **dict.fromkeys((".au", ".snd"), au.FORMAT),
         ".npy": npy.FORMAT,
         ".wav": wav.FORMAT,
         ".mat": mat.FORMAT,
