@@ -2,7 +2,7 @@
 
 from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation
-from harvester.excitation.white import WhitePath
+from harvester.excitation.correlated_normals import NormalPath
 
 
 @table
@@ -20,7 +20,7 @@ class Steps(Excitation):
         return self.height**2 * relaxation_time, relaxation_time
 
     def path(self, spacing, length, seed):
-        return WhitePath(0.5 * spacing * (self.height / length) ** 2, spacing, seed)
+        return NormalPath(seed, self.height / length, spacing=spacing)
 
     def notes(self, spacing, angular_frequency, run):
         return ()

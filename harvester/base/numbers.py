@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import re
 
 POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
@@ -15,6 +16,11 @@ _NUMBER = re.compile(
 
 class NotANumber(ValueError):
     """A text is no number, or one with two readings; the message says what to write."""
+
+
+def is_real(value: object) -> bool:
+    """Whether a value is one real number, Python's or numpy's, and not True or False."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def number(text: str) -> float:

@@ -42,6 +42,11 @@ class Registry(UserDict[str, Part]):
             return False
         return True
 
+    def load_all(self) -> None:
+        """Load the parts of all installed packages."""
+        for point in metadata.entry_points(group=self._group):
+            self[point.name]
+
     def name_of(self, part: Part) -> str:
         """The name under which a part stands here; a process that was handed it may not know yet.
 
@@ -50,10 +55,9 @@ class Registry(UserDict[str, Part]):
         KeyError
             No package registers it.
         """
+        if not any(registered is part for registered in self.data.values()):
+            self.load_all()
         for name, registered in self.data.items():
             if registered is part:
                 return name
-        for point in metadata.entry_points(group=self._group):
-            if self[point.name] is part:
-                return point.name
         raise KeyError(f"{part!r} is no entry point of {self._group}")

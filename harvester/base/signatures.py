@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import NotANumber, number
+from harvester.base.numbers import NotANumber, is_real, number
 from harvester.base.plain_text import named, shown
 
 # Longest list of numbers that a grid such as 1:10:log:50 may give.
@@ -185,15 +185,15 @@ def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
 
 
 def _positive(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and float(value) > 0.0
+    return is_real(value) and float(value) > 0.0
 
 
 def _counts(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and int(value) >= 1
+    return isinstance(value, numbers.Integral) and is_real(value) and int(value) >= 1
 
 
 def _share(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
+    return is_real(value) and 0.0 < float(value) < 1.0
 
 
 # A name at the command line; in Python also an object.

@@ -12,6 +12,7 @@ from harvester.averaging.method import Stationary
 from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
+from harvester.base.numbers import is_real
 from harvester.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ class Circuit(Engine):
         _check_number_of_copies(self.copies)
         for name in ("gmin", "cshunt", "ramp"):
             value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
+            if not (is_real(value) and 0.0 <= value < math.inf):
                 raise HarvesterError(f"{name} {value}: must be a number ≥ 0")
 
     @property
@@ -277,7 +278,7 @@ def check_step(step: str | float) -> str | float:
             step = float(step)
         except ValueError:
             return check_name("step", str(step), STEP_LEVELS)
-    if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
+    if not isinstance(step, str) and not (is_real(step) and 0.0 < step < math.inf):
         raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
     return step
 
@@ -291,7 +292,7 @@ def _check_options(options: Mapping[str, Any]) -> None:
 
 
 def _check_number_of_copies(copies: int | None) -> None:
-    if copies is not None and (not isinstance(copies, int) or copies < 1):
+    if copies is not None and not (is_real(copies) and isinstance(copies, int) and copies >= 1):
         raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
 
 

@@ -69,7 +69,7 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
     return 1.0 - float(np.sinc(0.5 * spacing * angular_frequency / np.pi)) ** 4
 
 
-class ExcitationPath:
+class ExcitationPath(ABC):
     """The samples of η of one realization, one after the other, at equally spaced knots.
 
     Attributes
@@ -80,23 +80,12 @@ class ExcitationPath:
 
     spacing: float
 
-    def __init_subclass__(cls) -> None:
-        """Refuse a class that defines neither `read` nor `read_into`: each calls the other."""
-        if cls.read is ExcitationPath.read and cls.read_into is ExcitationPath.read_into:
-            raise TypeError(f"{cls.__name__} must define read or read_into")
-
+    @abstractmethod
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
 
         An engine may read past the end of the run.
         """
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
-
-    def read_into(self, samples: np.ndarray) -> None:
-        """Fill an array of shape (count,) with the next samples."""
-        samples[:] = self.read(samples.size)
 
 
 class Excitation(Table, ABC):
@@ -189,7 +178,8 @@ class Excitation(Table, ABC):
     def check(self, units: str, run: Run, origin: str) -> None:
         """Refuse values that are valid one by one but not together, or not with this run.
 
-        `origin` is the file's or the scene's name, for the message of the SceneError.
+        `run.duration` is None where the scene leaves it to the excitation. `origin` is the file's
+        or the scene's name, for the message of the SceneError.
         """
 
     def _refuse_unit(self, units: str, choices: str, origin: str) -> NoReturn:

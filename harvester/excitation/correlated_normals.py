@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.base.compilation import compiled, uncounted, ziggurat
+from harvester.excitation.base import ExcitationPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -29,24 +30,32 @@ SPARE_WORDS = 64
 DOUBLES_IN_ONE = 2.0**53
 
 
-class NormalSequence:
+class NormalPath(ExcitationPath):
     """Stationary normal numbers of mean zero, each of which keeps a share of the one before.
 
     x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their deviation, where ξ are the numbers of
     `numpy.random.default_rng(seed).standard_normal`, and the first of them is the first x.
 
-    `decay`: −ln a, from one number to the next; inf for independent numbers.
+    `decay`: −ln a, from one number to the next; inf for independent numbers. `spacing`: time
+    between two numbers (s).
     """
 
-    def __init__(self, seed: SeedSequence, deviation: float, decay: float = math.inf) -> None:
+    def __init__(
+        self,
+        seed: SeedSequence,
+        deviation: float,
+        decay: float = math.inf,
+        spacing: float = math.nan,
+    ) -> None:
+        self.spacing = spacing
         self._bits = np.random.default_rng(seed).bit_generator
         self._words = np.empty(0, dtype=np.uint64)
         self._law = deviation, math.exp(-decay), math.sqrt(-math.expm1(-2.0 * decay))
         self._last = math.nan
 
-    def write(self, numbers: np.ndarray) -> None:
-        """Write the next numbers into an array, in parts of any size the same."""
-        done = 0
+    def read(self, count: int) -> np.ndarray:
+        """The next numbers, in parts of any size the same."""
+        numbers, done = np.empty(count), 0
         while done < numbers.size:
             least_words = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
             if least_words > self._words.size:
@@ -54,6 +63,7 @@ class NormalSequence:
                 self._words = np.concatenate([self._words, fresh])
             done, self._last, consumed = _write(self._words, self._law, self._last, numbers, done)
             self._words = self._words[consumed:]
+        return numbers
 
 
 @uncounted

@@ -10,7 +10,7 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import OneOf, positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
-from harvester.excitation.correlated_normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -63,7 +63,14 @@ class OrnsteinUhlenbeck(Excitation):
         return 4.0 * self.intensity / (1.0 + (omega * self.correlation_time) ** 2)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        return NoisePath(self.intensity / length**2, self.correlation_time, spacing, seed)
+        """Samples that are exact in law at the knots, and stationary from the first (Eq. 6).
+
+        η_{k+1} = a η_k + √(D/τ1 (1 − a²)) ξ_k, a = exp(−spacing/τ1). Engines take η as linear
+        between knots, which lowers the variance averaged over time by about spacing/(3 τ1) of
+        itself (`interpolation_loss`).
+        """
+        deviation = math.sqrt(self.intensity / length**2 / self.correlation_time)
+        return NormalPath(seed, deviation, spacing / self.correlation_time, spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = interpolation_loss(spacing, self.correlation_time)
@@ -71,28 +78,6 @@ class OrnsteinUhlenbeck(Excitation):
 
     def averaging_refusal(self) -> str:
         return ""
-
-
-class NoisePath(ExcitationPath):
-    """A stream of Ornstein–Uhlenbeck samples at equally spaced knots (Eq. 6).
-
-    Exact in law at the knots: η_{k+1} = a η_k + √(D/τ1 (1 − a²)) ξ_k, a = exp(−spacing/τ1),
-    stationary from the first. Engines take η as linear between knots, which lowers the
-    variance averaged over time by about spacing/(3 τ1) of itself (`interpolation_loss`).
-
-    `intensity`, `correlation_time`: D and τ1, scaled units. `spacing`: time between knots (s).
-    `seed`: seed of this realization; the same seed gives the same bytes in blocks of any size.
-    """
-
-    def __init__(
-        self, intensity: float, correlation_time: float, spacing: float, seed: SeedSequence
-    ) -> None:
-        self.spacing = spacing
-        deviation, decay = math.sqrt(intensity / correlation_time), spacing / correlation_time
-        self._sequence = NormalSequence(seed, deviation, decay)
-
-    def read_into(self, samples: np.ndarray) -> None:
-        self._sequence.write(samples)
 
 
 def interpolation_loss(spacing: float, correlation_time: float) -> float:

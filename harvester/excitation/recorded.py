@@ -175,8 +175,8 @@ class RecordedMotion(Excitation):
             )
         if self.interpolation == "smooth" and self.knot_spacing is not None:
             raise SceneError(
-                f'{origin}: excitation.interpolation = "smooth" and knot_spacing: leave one out: '
-                "closer knots are smooth by themselves"
+                f'{origin}: excitation.interpolation = "smooth" and excitation.knot_spacing: leave '
+                "one out: closer knots are smooth by themselves"
             )
         if self.repetition == "periodic":
             if self.fade_in is not None:
@@ -186,7 +186,7 @@ class RecordedMotion(Excitation):
                 )
             return
         length: Any = self.own_duration
-        if run.settle + run.duration > length * (1.0 + 1e-9):
+        if run.duration and run.settle + run.duration > length * (1.0 + 1e-9):
             raise SceneError(
                 f"{origin}: the record lasts {length:g} s, and run.settle + run.duration are "
                 f'{run.settle + run.duration:g} s; shorten the run or set repetition = "periodic"'
@@ -245,7 +245,7 @@ class RecordedMotion(Excitation):
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(
                 f"the record's mean is {values.mean() / values.std():+.2g} of its deviation: "
-                'leave detrend = "none" out to take it off'
+                'leave excitation.detrend = "none" out to take it off'
             )
         return tuple(lines)
 
@@ -389,11 +389,10 @@ def _motion(measured, column, time_column):
     times = {k for k, heading in enumerate(measured.headings) if heading.quantity == "time"}
     times.add(measured.column("time", time_column, ()))
     others = {*range(len(table.names))} - {*times, *table.texts, *table.complexes}
-    if not others and table.complexes:
-        raise SceneError(
-            f"{measured.where}: {measured.label(table.complexes[0])} holds complex numbers, which "
-            "are a frequency response and no motion: `identify` reads them"
-        )
+    if not others:
+        # A column of words or complex numbers is refused with the reason.
+        for index in {*table.texts, *table.complexes} - times:
+            measured.column("acceleration", index)
     if len(others) != 1:
         others &= {*measured.of("acceleration")}
     if len(others) != 1:
@@ -410,8 +409,8 @@ def _offset_remark(values, record, unit):
         return ()
     amount = f"{mean:.4g} m/s²" if unit else f"{mean:.4g}"
     return (
-        f'its constant part, {amount} (gravity or an offset), was taken off; detrend = "none" '
-        "keeps it",
+        f"its constant part, {amount} (gravity or an offset), was taken off; excitation.detrend = "
+        '"none" keeps it',
     )
 
 
@@ -425,7 +424,10 @@ def _from_start(values, times, rate, start, name):
         with np.errstate(invalid="ignore"):
             first = np.append(np.flatnonzero(times >= start * (1.0 - 1e-12)), times.size)[0]
     if first >= values.size:
-        raise SceneError(f"{name}: excitation.start = {start:g}: the record ends before (s)")
+        length = values.size / rate if times is None else np.nanmax(times)
+        raise SceneError(
+            f"{name}: excitation.start = {start:g} s: the record ends before, at {length:g} s"
+        )
     return values[first:], None if times is None else times[first:] - times[first]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.excitation.base import ExcitationPath, child_seed
-from harvester.excitation.correlated_normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -116,27 +116,28 @@ class ShapedPath(ExcitationPath):
     ) -> None:
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
-        self._white = NormalSequence(child_seed(seed, 0), factor)
+        self._white = NormalPath(child_seed(seed, 0), factor)
         self._input = np.zeros(2 * self._taps)
-        self._white.write(self._input[self._taps :])
+        self._input[self._taps :] = self._white.read(self._taps)
         self._block, self._used = np.empty(0), 0
         self._bursts = None
         if kurtosis > 3.0:
             self._bursts = Bursts(kurtosis, burst_time / spacing, child_seed(seed, 1))
 
-    def read_into(self, samples: np.ndarray) -> None:
-        done = 0
+    def read(self, count: int) -> np.ndarray:
+        samples, done = np.empty(count), 0
         while done < samples.size:
             if self._used == self._block.size:
                 self._fill()
             part = self._block[self._used : self._used + samples.size - done]
             samples[done : done + part.size] = part
             done, self._used = done + part.size, self._used + part.size
+        return samples
 
     def _fill(self):
         """The next block: the second half of a circular convolution over two (overlap–save)."""
         self._input[: self._taps] = self._input[self._taps :]
-        self._white.write(self._input[self._taps :])
+        self._input[self._taps :] = self._white.read(self._taps)
         filtered = np.fft.irfft(np.fft.rfft(self._input) * self._spectrum)
         self._block, self._used = filtered[self._taps :].copy(), 0
         if self._bursts:

@@ -10,7 +10,7 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss, knots
-from harvester.excitation.correlated_normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -52,7 +52,8 @@ class White(Excitation):
         return np.full(np.shape(frequencies), 4.0 * self.intensity)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        return WhitePath(self.intensity / length**2, spacing, seed)
+        deviation = math.sqrt(2.0 * (self.intensity / length**2) / spacing)
+        return NormalPath(seed, deviation, spacing=spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = kernel_loss(spacing, angular_frequency)
@@ -63,17 +64,3 @@ class White(Excitation):
 
     def averaging_refusal(self) -> str:
         return ""
-
-
-class WhitePath(ExcitationPath):
-    """A stream of independent samples of variance 2 D/spacing.
-
-    `intensity`: D, scaled units. `spacing`: time between knots (s).
-    """
-
-    def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:
-        self.spacing = spacing
-        self._sequence = NormalSequence(seed, math.sqrt(2.0 * intensity / spacing))
-
-    def read_into(self, samples: np.ndarray) -> None:
-        self._sequence.write(samples)

@@ -64,13 +64,6 @@ class MeasuredImpedance(MeasuredResponse):
         """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
 
-    def part(self, lines: np.ndarray) -> MeasuredImpedance:
-        """A selection of its frequencies."""
-        beside = None if self.background is None else self.background[lines]
-        return MeasuredImpedance(
-            self.frequency[lines], self.response[lines], name=self.name, background=beside
-        )
-
     def check(self) -> None:
         """Raise IdentificationError if there are too few frequencies."""
         if self.frequency.size < FEWEST_FREQUENCIES:

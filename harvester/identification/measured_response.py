@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from types import NoneType
+from typing import Any, Self
 
 import numpy as np
 
@@ -43,20 +44,19 @@ class MeasuredResponse:
     sensors: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        descends = self.frequency[0] > self.frequency[-1]
-        for quantity in ("frequency", "response", "acceleration", "background"):
-            values = getattr(self, quantity, None)
-            if values is None:
-                continue
-            checked = np.atleast_1d(values)[:: -1 if descends else 1] * 1.0
-            object.__setattr__(self, quantity, checked)
-            if checked.shape != self.frequency.shape or checked.ndim != 1:
+        arrays = {quantity: np.atleast_1d(values) * 1.0 for quantity, values in self._arrays()}
+        shape = arrays["frequency"].shape
+        for quantity, values in arrays.items():
+            if values.shape != (shape[0] or 1,):
                 raise SceneError(
-                    f"{self.name}: {quantity} has the shape {checked.shape}, not "
-                    f"{self.frequency.shape}"
+                    f"{self.name}: {quantity} has the shape {values.shape}: must be one number per "
+                    f"line, as frequency with {shape}"
                 )
-            if not np.isfinite(checked).all():
+            if not np.isfinite(values).all():
                 raise SceneError(f"{self.name}: {quantity}: lines without a number: leave them out")
+        descends = arrays["frequency"][0] > arrays["frequency"][-1]
+        for quantity, values in arrays.items():
+            object.__setattr__(self, quantity, values[::-1] if descends else values)
         for quantity in ("frequency", "acceleration"):
             least = np.inf if getattr(self, quantity) is None else getattr(self, quantity).min()
             if least <= 0.0:
@@ -92,12 +92,14 @@ class MeasuredResponse:
         """Mask of the lines that are kept aside."""
         return np.arange(self.frequency.size) % KEPT_ASIDE == 1
 
-    def part(self, lines: np.ndarray) -> MeasuredResponse:
+    def _arrays(self):
+        """Names and values of all fields with a number for each frequency."""
+        values = ((entry.name, getattr(self, entry.name)) for entry in fields(self))
+        return [pair for pair in values if not isinstance(pair[1], (str, dict, NoneType))]
+
+    def part(self, lines: np.ndarray) -> Self:
         """A selection of its frequencies."""
-        base = self.acceleration if self.acceleration is None else self.acceleration[lines]
-        return replace(
-            self, frequency=self.frequency[lines], response=self.response[lines], acceleration=base
-        )
+        return replace(self, **{quantity: values[lines] for quantity, values in self._arrays()})
 
     def check(self) -> None:
         """Refuse a response with too few frequencies, one side of the resonance, or conjugated.

@@ -132,10 +132,15 @@ class MeasuredFile:
                 f"{self.where}: {key.partition('=')[0]} = {shown(stated)}: no such column"
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
+        fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
+            fault = "holds complex numbers, a frequency response, which identify reads"
+        elif index in self.table.texts and not np.isfinite(*self.take([index])).any():
+            fault = "holds words and no numbers"
+        if fault:
             raise SceneError(
-                f"{self.where}: {quantity}: {self.label(index)} holds complex numbers, as a "
-                "frequency response does (response=COLUMN:UNIT): name a column of real ones"
+                f"{self.where}: {quantity}: {self.label(index)} {fault}: name another column by "
+                f"{key}{self._behind}"
             )
         return index
 
@@ -197,8 +202,8 @@ class MeasuredFile:
         usual, label = unit_named(quantity, written), f"{self.where}: {self.label(index)}"
         if scaled and quantity not in UNSCALED and (usual or stated not in UNITLESS):
             raise SceneError(
-                f"{label} is in {named(written or stated)}, and the scene has units = "
-                '"scaled": take one with units = "SI", or columns in scaled units'
+                f"{label} is in {named(written or stated)}, and a scene with units = "
+                '"scaled" takes scaled values: take one with units = "SI", or another column'
             )
         if scaled and stated in UNITLESS:
             stated = None
@@ -267,8 +272,12 @@ class MeasuredFile:
                 f"is read: name it by {self.setting('column', 'time')}"
             )
         if index is None and rate is None:
+            words = [k for k in self.table.texts if self.headings[k].quantity == "time"]
+            cause = "no heading names a time"
+            if words:
+                cause = f"{self.label(words[0])} holds neither numbers nor time stamps"
             raise SceneError(
-                f"{self.where}: {name} is missing (Hz), and no heading names a time: give {key}, "
+                f"{self.where}: {name} is missing (Hz), and {cause}: give {key}, "
                 f"or the time column by {self.setting('column', 'time')}{self._behind}"
             )
         if index is None and not clocks:

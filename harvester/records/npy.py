@@ -6,7 +6,7 @@ import io
 
 import numpy as np
 
-from harvester.records.table import NUMBER_KINDS, Format, Table, broken_file, table_of
+from harvester.records.table import Format, Table, broken_file, table_of
 
 
 def read(content: bytes) -> Table:
@@ -25,20 +25,7 @@ def read(content: bytes) -> Table:
     if array.ndim not in ((1,) if names else (1, 2)):
         raise ValueError(f"an array of shape {array.shape} is no table of samples by columns")
     columns = [array[name] for name in names or ()] or list(np.atleast_2d(array.T))
-    table = table_of(columns, names or [""] * len(columns))
-    take = table.take
-
-    def take_numbers(indices):
-        for index in indices:
-            column = columns[index]
-            if column.dtype.kind not in NUMBER_KINDS or column.ndim != 1:
-                raise ValueError(
-                    f"column {index} holds {column.dtype.name} and not one real number per sample"
-                )
-        return take(indices)
-
-    table.take = take_numbers
-    return table
+    return table_of(columns, names or [""] * len(columns))
 
 
 FORMAT = Format(read)

@@ -57,7 +57,9 @@ def without_markers(
     if not remark:
         return values, ()
     if "nan" not in mend:
-        return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
+        return values, (
+            f'{remark}, and taken as acceleration: excitation.mend = ["nan"] takes such for gaps',
+        )
     return np.where(outliers(values), np.nan, values), (f"{remark}: taken for gaps",)
 
 
@@ -145,7 +147,7 @@ def _refuse(fault, samples, detail, where, mend):
             f"{message}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
         )
     if fault not in mend:
-        raise SceneError(f'{message}; mend = ["{fault}"] mends them')
+        raise SceneError(f'{message}; excitation.mend = ["{fault}"] interpolates them')
 
 
 def refuse_short(values: np.ndarray, where: str) -> None:

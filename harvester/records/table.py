@@ -109,6 +109,11 @@ def table_of(
     """A table of arrays of shape (n,), of real or complex numbers."""
 
     def take(indices):
+        for k in indices:
+            if columns[k].dtype.kind not in NUMBER_KINDS or columns[k].ndim != 1:
+                raise ValueError(
+                    f"column {k} holds {columns[k].dtype.name} and not one real number per sample"
+                )
         with np.errstate(over="ignore"):
             return [
                 columns[k].astype(complex) if k in complexes else columns[k].real.astype(float)

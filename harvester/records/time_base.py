@@ -154,7 +154,7 @@ def _uneven(times, rate, steps, where, mend):
     usual = float(single.mean())
     remark = "" if mend is None else _bridged(times, steps, usual, where)
     if mend is None or "uneven" not in mend:
-        cure = 'mend = ["uneven"] interpolates'
+        cure = 'excitation.mend = ["uneven"] interpolates'
         if mend is None:
             cure = "resample the record, or cut it at its gaps"
         raise SceneError(

@@ -25,8 +25,6 @@ SceneOrName: TypeAlias = Union["Scene", str, Path]
 KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
 # Whether errors name options as the command line spells them, "--step", and not parameters.
 AT_COMMAND_LINE: ContextVar[bool] = ContextVar("at_command_line", default=False)
-# Former names of options, with the present ones.
-FORMER_NAMES = {"engine": "method", "closure": "method", "pool": "runner"}
 
 Options = ParamSpec("Options")
 Answer = TypeVar("Answer")
@@ -89,13 +87,8 @@ def takes_scene(
             )
         for option in options:
             if option not in accepted:
-                former = FORMER_NAMES.get(option)
-                hint = (
-                    f" (did you mean {former}?)"
-                    if former in accepted
-                    else nearest(option, accepted)
-                )
-                hint = hint or f"; there are {', '.join([*accepted][1:])}"
+                names = [*accepted][1:]
+                hint = nearest(option, names) or f"; there are {', '.join(names)}"
                 raise UnknownOption(f"{name}: no option {option}{hint}")
         with usual_arithmetic(), shown_progress(name, accepted, options) as options:
             try:

@@ -30,14 +30,13 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         return tables
     if tables.get("units") != SI:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
-    beam = _checked("beam", Beam, tables, origin)
+    beam = check_table("beam", tables["beam"], Beam, SI, origin)
     values = lumped(beam, origin)
-    extra = {name: _beside(name, tables, origin) for name in DRAWN}
     oscillator: dict[str, Any] = {
         "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
     }  # fmt: skip
     if "magnets" in tables:
-        magnets = _checked("magnets", Magnets, tables, origin)
+        magnets = check_table("magnets", tables["magnets"], Magnets, SI, origin)
         points = spring_points(magnets, beam, origin)
         oscillator |= {"force_table": points, "force_interpolation": "smooth"}
     else:
@@ -46,11 +45,17 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         "coupling": values.coupling, "capacitance": values.capacitance,
         "base_charge": values.rest_charge,
     }  # fmt: skip
-    return {
-        **tables,
-        "oscillator": extra["oscillator"] | oscillator,
-        "piezo": extra["piezo"] | piezo,
-    }
+    tables = dict(tables)
+    for name, computed in (("oscillator", oscillator), ("piezo", piezo)):
+        given = tables.get(name, {})
+        for key in DRAWN[name]:
+            if key in given:
+                raise SceneError(
+                    f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change "
+                    "the beam's own keys"
+                )
+        tables[name] = given | computed
+    return tables
 
 
 def without_drawn(tables: dict[str, Any]) -> dict[str, Any]:
@@ -61,24 +66,3 @@ def without_drawn(tables: dict[str, Any]) -> dict[str, Any]:
     }
     others = {name: content for name, content in tables.items() if name not in DRAWN}
     return others | {name: content for name, content in left.items() if content}
-
-
-def _checked(name, cls, tables, origin):
-    """The table of a drawing with its keys checked."""
-    if not isinstance(tables[name], dict):
-        raise SceneError(f"{origin}: {name} must be a table")
-    return check_table(name, tables[name], cls, SI, origin)
-
-
-def _beside(name, tables, origin):
-    """A table's own keys; a key that follows from the drawing is refused."""
-    table = tables.get(name, {})
-    if not isinstance(table, dict):
-        raise SceneError(f"{origin}: {name} must be a table")
-    for key in DRAWN[name]:
-        if key in table:
-            raise SceneError(
-                f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change the "
-                "beam's own keys"
-            )
-    return table

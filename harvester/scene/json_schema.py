@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Any
 
+from harvester.device.contact import LAWS
 from harvester.device.keys import LARGEST, NAMED_VALUES, SCALED, SI, SMALLEST, Key, OneOf
 from harvester.excitation.base import Excitation
 from harvester.scene.drawn import DRAWN
@@ -20,9 +21,12 @@ SUFFIXED = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})? ?([kKuUµμnNpPm]|[mM][eE][gG]
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a scene's TOML file.
 
-    It holds keys, types, ranges, words, alternatives and what depends on `units`. Values that do
-    not go together physically are refused by the program alone.
+    It holds keys, types, ranges, words, alternatives and what depends on `units`, also of the parts
+    that installed packages add. Values that do not go together physically are refused by the
+    program alone.
     """
+    for registry in (KINDS, LAWS, TRANSDUCERS):
+        registry.load_all()
     content = {name: _object(cls.KEYS) for name, cls in all_tables().items() if cls is not KINDS}
     content["excitation"] = {"$ref": "#/$defs/excitation"}
     for name, most in SEVERAL.items():

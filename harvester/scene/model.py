@@ -21,7 +21,7 @@ from harvester.device.beam.magnets import Magnets
 from harvester.device.keys import SI, Table, computed, table
 from harvester.device.terminals import TransducerTable
 from harvester.excitation.base import Excitation, Run
-from harvester.scene.drawn import with_drawing, without_drawn
+from harvester.scene.drawn import without_drawn
 from harvester.scene.force_file import with_points
 from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables, transducer_of
@@ -106,19 +106,19 @@ class Scene(Table):
         its records must be as they were.
         """
         tables = {"run": {}, **with_points(plain_tables(tables, origin), origin)}
-        parts = check_tables(with_drawing(tables, origin), origin)
+        parts = check_tables(tables, origin)
         top, transducer = parts.pop(""), transducer_of(parts)
         if parts["load"].netlist is not None:
             folder = _folders(folder)
             parts["load"] = _with_circuit(parts["load"], folder, top.units, origin, changed)
         parts["oscillator"] = _damped(parts["oscillator"], origin)
+        parts["excitation"].check(top.units, parts["run"], origin)
         parts["run"] = _lasting(parts["run"], parts["excitation"], origin)
         parts["transducer"] = _coupled(
             parts.pop(transducer), transducer, parts["oscillator"], origin
         )
         name = plain_text.name(name)
         scene = cls(name, top.units, length_scale=top.length_scale, folder=folder, **parts)
-        scene.excitation.check(scene.units, scene.run, origin)
         if scene.run.starts is not None and scene.excitation.random:
             raise SceneError(
                 f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
@@ -148,7 +148,7 @@ class Scene(Table):
         **tables : dict or None
             Tables to change key by key; None removes the table.
         """
-        new = self._tables(without=("circuit",))
+        new = self._tables()
         if not isinstance(changes, (dict, type(None))):
             raise SceneError(
                 f"replace {shown(changes)}: give a dictionary of dotted keys to values"
@@ -156,19 +156,16 @@ class Scene(Table):
         for key, value in (changes or {}).items():
             put(new, key, value, "replace")
         for name, values in tables.items():
-            if isinstance(values, dict):
-                for key, value in values.items():
-                    last = key if isinstance(key, str) else shown(key)
-                    put(new, f"{name}.{last}", value, "replace")
-            else:
-                put(new, name, values, "replace")
+            for key, value in values.items() if isinstance(values, dict) else [("", values)]:
+                last = key if isinstance(key, str) else shown(key)
+                put(new, f"{name}.{last}" if last else name, value, "replace")
         return self.from_tables(new, self.name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
         """Nested dictionaries of the TOML file's form, without what is left out."""
-        return self._tables(without=("circuit", "sha256"))
+        return self._tables("sha256")
 
-    def _tables(self, without):
+    def _tables(self, *without):
         """Nested dictionaries of all fields but some."""
         tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
@@ -196,7 +193,7 @@ class Scene(Table):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for a result's JSON: name, digests and tables."""
-        return {"name": self.name, "sha256": self.digest(), **self._tables(without=("circuit",))}
+        return {"name": self.name, "sha256": self.digest(), **self._tables()}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Scene:
@@ -214,8 +211,7 @@ class Scene(Table):
         """
         if not isinstance(content, dict):
             raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
-        tables = {key: value for key, value in content.items() if key != "name"}
-        tables = _without_digests(tables)
+        tables = _without_digests({k: v for k, v in content.items() if k != "name"})
         name = str(content.get("name", "scene"))
         scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
         if scene.digest() != content.get("sha256"):
@@ -236,7 +232,7 @@ class Scene(Table):
 
         A record and a load's netlist count by their content, wherever they lie.
         """
-        text = json.dumps(self._tables(without=("circuit", "file")), sort_keys=True)
+        text = json.dumps(self._tables("file"), sort_keys=True)
         if self.load.circuit:
             text += self.load.circuit.text
             text += "".join(measure.text for measure in self.load.circuit.measures)
@@ -359,7 +355,7 @@ def _without_digests(values):
 
 def _plain(part, without):
     """A table as plain values, without some fields and what is computed or left out."""
-    values, left_out = {}, {*computed(part), *without}
+    values, left_out = {}, {"circuit", *computed(part), *without}
     for entry in dataclasses.fields(part):
         name, value = entry.name, getattr(part, entry.name)
         rare = name in part.KEYS and part.KEYS[name].rare

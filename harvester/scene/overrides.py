@@ -110,27 +110,15 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
             table.pop(other, None)
     if last == "file":
         table.pop("sha256", None)
-    match = PLACED.fullmatch(last)
-    name, index = (match[1], int(match[2])) if match else (last, 0)
+    name, index = _placed(last)
     values = table.get(name)
-    if match and value is None:
-        _one_of(table, name, index, where)
-        several = table.pop(name)
-        # Where it is the only one, the key goes too.
-        if not isinstance(several, dict) and len(several) > 1:
-            table[name] = [item for k, item in enumerate(several) if k != index]
-    elif (
-        match
-        and isinstance(values, (list, tuple))
-        and not any(isinstance(item, dict) for item in values)
-    ):
-        # A list such as `restoring_force`, and not one of tables.
-        if index >= len(values):
-            raise SceneError(
-                f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
-            )
-        table[name] = [*values[:index], value, *values[index + 1 :]]
-    elif value is None:
+    is_list = isinstance(values, (list, tuple)) and not any(isinstance(v, dict) for v in values)
+    if index is not None and (value is None or is_list):
+        several = _several(table, name, index, where)
+        several[index : index + 1] = [] if value is None else [value]
+        # Without its last value, the key goes too.
+        last, value = name, several or None
+    if value is None:
         table.pop(last, None)
     else:
         table[last] = value
@@ -153,37 +141,44 @@ def check_kept(tables: dict[str, Any], changes: dict[str, Any]) -> None:
             )
 
 
+def _placed(part):
+    """The name and the index in a part of a dotted key; None without an index."""
+    match = PLACED.fullmatch(part)
+    return (match[1], int(match[2])) if match else (part, None)
+
+
 def _table(tables, part, where):
     """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
-    match = PLACED.fullmatch(part)
-    if match:
-        return _one_of(tables, match.group(1), int(match.group(2)), where)
-    value = tables.setdefault(part, {})
-    if isinstance(value, (list, tuple)) and len(value) == 1:
-        return _one_of(tables, part, 0, where)
-    if isinstance(value, (list, tuple)) and value:
-        raise SceneError(
-            f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
-        )
+    name, index = _placed(part)
+    value = tables.setdefault(name, {}) if index is None else tables.get(name)
+    if index is None and isinstance(value, (list, tuple)) and value:
+        if len(value) > 1:
+            raise SceneError(
+                f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
+            )
+        index = 0
+    if index is not None:
+        tables[name] = _several(tables, name, index, where)
+        value = tables[name][index]
     if not isinstance(value, dict):
         raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, all_tables())}")
     return value
 
 
-def _one_of(tables, name, index, where):
+def _several(tables, name, index, where):
+    """A list of the tables or values of a name, which has this index; one table is the first."""
     entry = tables.get(name)
     if isinstance(entry, dict) and name in SEVERAL and index == 0:
-        return entry
+        return [entry]
     if not isinstance(entry, (list, tuple)):
         present = f"no {named(name)} here{nearest(name, tables)}" if entry is None else "one table"
         hint = "" if entry is None else f"; write {named(name)}.key"
         raise SceneError(f"{where}: there is {present}{hint}")
-    if index >= len(entry) or not all(isinstance(item, dict) for item in entry):
+    if index >= len(entry):
         raise SceneError(
             f"{where}: there are {len(entry)} of {named(name)}: {_listed(name, len(entry))}"
         )
-    tables[name] = [dict(item) for item in entry]
-    return tables[name][index]
+    return [dict(item) if isinstance(item, dict) else item for item in entry]
 
 
 def _listed(name, count):

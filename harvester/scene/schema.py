@@ -6,9 +6,10 @@ from itertools import pairwise
 from typing import Any
 
 from harvester.base.errors import SceneError
-from harvester.base.plain_text import named, nearest
+from harvester.base.plain_text import named, nearest, shown
 from harvester.device.force_table import MOST_PIECES, POINTS_PER_PIECE, force_table
 from harvester.device.keys import SI, check_table, check_value
+from harvester.scene.drawn import with_drawing
 from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_tables
 
 
@@ -34,11 +35,12 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
                 raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
         elif (name in classes) != isinstance(value, dict):
             noun = "a table" if name in classes else "a value, not a table"
-            raise SceneError(f"{origin}: {name} must be {noun}")
+            raise SceneError(f"{origin}: {name} = {shown(value)}: must be {noun}")
     spec = Top.KEYS["units"]
     if "units" not in tables:
         raise SceneError(f"{origin}: units is missing; it takes {spec.allowed()}")
     units = check_value("units", tables["units"], spec, origin)
+    tables = with_drawing(tables, origin)
     top = {name: value for name, value in tables.items() if name in Top.KEYS}
     parts: dict[str, Any] = {"": check_table("", top, Top, units, origin)}
     for name, cls in classes.items():

@@ -211,8 +211,8 @@ FAULTS = [
     Fault(
         "noise: white noise has half its intensity",
         "harvester/excitation/white.py",
-        "math.sqrt(2.0 * intensity / spacing)",
-        "math.sqrt(intensity / spacing)",
+        "math.sqrt(2.0 * (self.intensity / length**2) / spacing)",
+        "math.sqrt((self.intensity / length**2) / spacing)",
         ("harvester/excitation/test_kinds.py::test_white_noise_has_its_density_at_low_frequency",),
     ),
     Fault(

@@ -162,7 +162,7 @@ def integrate(
     for first in range(0, knots, most):
         count = min(most, knots - first)
         for k, path in enumerate(paths):
-            path.read_into(samples[1 : count + 1, k])
+            samples[1 : count + 1, k] = path.read(count)
         position[:3] = 0
         while position[0] < count:
             room.points[:] = 0

@@ -48,8 +48,8 @@ def basins(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
-        Coordinates of the starts, in the scene's units: LOW:HIGH:NUMBER, or numbers between commas
-        (default: the energies up to beyond the device's largest motion).
+        Coordinates of the starts, in the scene's units: FIRST:LAST:NUMBER (even steps), or numbers
+        between commas (default: the energies up to beyond the device's largest motion).
     points : int
         Starts a side, of what is left to the default.
     periods : int or None
@@ -127,8 +127,7 @@ def bifurcation(
     over : str
         The key, TABLE.KEY, such as excitation.amplitude.
     values : sequence of float
-        FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, LOW:HIGH:NUMBER of either sign, or numbers
-        between commas.
+        FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas.
     down : bool
         The way down is taken as well, and shows where there are several motions; `--up-only`
         leaves it out.
@@ -215,8 +214,8 @@ def residence(
     over : str or None
         A key, TABLE.KEY, such as excitation.intensity.
     values : sequence of float
-        Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER or numbers between
-        commas.
+        Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
+        between commas.
     precision : float or None
         Relative standard error, for which realizations are doubled up to 64 times the scene's;
         None: the scene's own run.

@@ -1,14 +1,17 @@
 """Parts that another package adds; `tests/test_distribution.py` runs them in worker processes."""
 
+import tomllib
 from importlib import metadata
 
 import entry_points
 import pytest
+from jsonschema import Draft202012Validator
 
 from harvester.averaging.closures import CLOSURES
 from harvester.base.errors import SceneError
 from harvester.device.contact import LAWS
 from harvester.excitation import KINDS
+from harvester.scene.json_schema import json_schema
 from harvester.scene.model import Scene
 from harvester.scene.tables import TRANSDUCERS
 
@@ -35,6 +38,14 @@ def test_a_scene_says_its_transducers_table_in_a_process_that_has_not_met_it(ins
     scene = Scene.read(installed)
     del TRANSDUCERS["electrode_piezo"]
     assert scene.to_tables()["electrode_piezo"]["capacitance"] == 1e-7
+
+
+def test_the_json_schema_holds_parts_of_other_packages(installed):
+    tables = tomllib.loads(installed.read_text("utf-8"))
+    validator = Draft202012Validator(json_schema())
+    validator.validate(tables)
+    tables["excitation"]["height"] = -1.0
+    assert not validator.is_valid(tables)
 
 
 def test_entry_points_are_looked_up_for_unknown_names_alone(installed, monkeypatch):

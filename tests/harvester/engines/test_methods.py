@@ -73,9 +73,12 @@ def test_settings_are_checked_where_the_object_is_made():
         (lambda: Circuit(source="pvl"), "unknown source"),
         (lambda: Circuit(scheme="heun"), "unknown scheme"),
         (lambda: Circuit(copies=0), "copies 0"),
+        (lambda: Circuit(copies=True), "copies True: must be a whole number"),
         (lambda: Circuit(gmin=-1e-12), "gmin -1e-12: must be a number"),
+        (lambda: Circuit(gmin=True), "gmin True: must be a number"),
         (lambda: Circuit(ramp=float("nan")), "ramp nan: must be a number"),
         (lambda: MonteCarlo(step=-1.0), "step -1.0"),
+        (lambda: MonteCarlo(step=True), "step True"),
         (lambda: method_of(Stationary("fokker")), "unknown method fokker"),
     ):
         with pytest.raises(HarvesterError, match=said):

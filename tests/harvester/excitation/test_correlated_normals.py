@@ -4,22 +4,18 @@ import math
 
 import numpy as np
 
-from harvester.excitation.correlated_normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalPath
 
 
 def written(sequence, *counts):
-    """Numbers in parts of these sizes, each a column of something larger."""
-    parts = [np.zeros((count, 3)) for count in counts]
-    for part in parts:
-        sequence.write(part[:, 1])
-    assert all(not part[:, [0, 2]].any() for part in parts)
-    return np.concatenate([part[:, 1] for part in parts])
+    """Numbers in parts of these sizes."""
+    return np.concatenate([sequence.read(count) for count in counts])
 
 
 def test_the_numbers_are_those_of_numpy():
     """Two million: 24,000 of them beyond a strip's rectangle, 500 in the tail beyond 3.65."""
     seed = np.random.SeedSequence(7)
-    found = written(NormalSequence(seed, 1.0), 1, 0, 5, 1000, 2_000_000, 3)
+    found = written(NormalPath(seed, 1.0), 1, 0, 5, 1000, 2_000_000, 3)
     truth = np.random.default_rng(seed).standard_normal(found.size)
     assert (np.abs(truth) > 3.66).sum() > 400
     np.testing.assert_array_equal(found, truth)
@@ -28,7 +24,7 @@ def test_the_numbers_are_those_of_numpy():
 def test_numbers_keep_a_share_of_the_one_before():
     """x_{k+1} = a x_k + √(1 − a²) ξ_k, from the first number on, in parts of any size."""
     seed, deviation, decay = np.random.SeedSequence(3), 0.7, 0.3
-    found = written(NormalSequence(seed, deviation, decay), 1, 10, 89)
+    found = written(NormalPath(seed, deviation, decay), 1, 10, 89)
     white = np.random.default_rng(seed).standard_normal(100)
     truth = [white[0]]
     for number in white[1:]:

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from harvester.excitation.base import realization_seed
-from harvester.excitation.ornstein_uhlenbeck import NoisePath, interpolation_loss
+from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck, interpolation_loss
 
 
 def path(seed=1, spacing=0.05):
-    return NoisePath(0.02, 0.4, spacing, np.random.SeedSequence(seed))
+    return OrnsteinUhlenbeck(0.02, 0.4).path(spacing, 1.0, np.random.SeedSequence(seed))
 
 
 def test_blocks_of_any_size_give_the_same_bytes():
@@ -19,7 +19,8 @@ def test_blocks_of_any_size_give_the_same_bytes():
 def test_the_samples_are_stationary_with_the_papers_autocorrelation():
     """False-alarm rate 1 %: three standard errors of independent paths, four times, fixed seed."""
     seeds = [realization_seed(2026, index) for index in range(4000)]
-    paths = np.array([NoisePath(0.02, 0.4, 0.05, seed).read(41) for seed in seeds])
+    noise = OrnsteinUhlenbeck(0.02, 0.4)
+    paths = np.array([noise.path(0.05, 1.0, seed).read(41) for seed in seeds])
     for lag in (0, 8, 40):
         products = paths[:, 0] * paths[:, lag]
         expected = 0.02 / 0.4 * np.exp(-lag * 0.05 / 0.4)
@@ -42,5 +43,6 @@ def test_realizations_have_the_seeds_that_spawning_them_all_gives():
         own = realization_seed(5, index)
         assert own.spawn_key == seed.spawn_key
         np.testing.assert_array_equal(own.generate_state(8), seed.generate_state(8))
-    paths = [NoisePath(1, 1, 1, realization_seed(5, index)).read(3) for index in range(2)]
+    noise = OrnsteinUhlenbeck(1.0, 1.0)
+    paths = [noise.path(1.0, 1.0, realization_seed(5, index)).read(3) for index in range(2)]
     assert not np.array_equal(*paths)

@@ -5,7 +5,7 @@ from truths import flat
 
 from harvester.averaging.of_scene import average
 from harvester.device import timescales
-from harvester.excitation.ornstein_uhlenbeck import NoisePath
+from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.excitation.spectrum_fit import fit_spectrum
 from harvester.scene.model import Scene
 
@@ -29,7 +29,8 @@ def recorded(folder, samples, rate=40.0, **keys):
 
 def noise(seed, count=24001):
     """600 s of the source paper's noise at 40 Hz."""
-    return NoisePath(INTENSITY, TIME, 0.025, np.random.SeedSequence(seed)).read(count)
+    noise = OrnsteinUhlenbeck(INTENSITY, TIME)
+    return noise.path(0.025, 1.0, np.random.SeedSequence(seed)).read(count)
 
 
 def device_frequency(scene):

@@ -103,7 +103,7 @@ DEEP = claim("(" * 4000 + ")" * 4000)
         ("none.npy", npy(SAMPLES[:0]), ["no samples"]),
         ("point.npy", npy(1.0), ["shape ()"]),
         ("cube.npy", npy(np.zeros((9, 9, 9))), ["shape (9, 9, 9)"]),
-        ("complex.npy", npy(SAMPLES + 1j), ["complex numbers", "no motion"]),
+        ("complex.npy", npy(SAMPLES + 1j), ["complex numbers", "identify"]),
         ("bool.npy", npy(SAMPLES > 0), ["bool"]),
         ("text.npy", npy(SAMPLES.astype(str)), ["str"]),
         ("bytes.npy", npy(SAMPLES.astype("S9")), ["bytes"]),

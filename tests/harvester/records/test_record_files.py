@@ -181,13 +181,36 @@ def test_volts_and_counts_become_accelerations_by_scale_and_offset(tmp_path):
     refused(raw, "scale = 0", scale=0, unit="g", column=1)
 
 
+def test_columns_of_words_are_named(tmp_path):
+    words = [f"at {time},{value}" for time, value in zip(TIMES, MOTION, strict=True)]
+    path = written(tmp_path, ONE, words)
+    refused(path, "column time [s] holds neither numbers nor time stamps", "sampling_rate")
+    refused(path, "column time [s] holds words", "excitation.time_column", time_column=0)
+    refused(written(tmp_path, ONE, rows(form="{},v {}")), "column acceleration [m/s^2] holds words")
+
+
+def test_keys_are_checked_before_the_record_is_read(tmp_path):
+    path = written(tmp_path, ONE, rows())
+    for run in ({}, {"duration": 1.0}):
+        for key, value, message in (
+            ("scale", 0.0, "excitation.scale = 0: must be another number"),
+            ("unit", "scaled", 'excitation.unit = "scaled": a scene with units = "SI" takes m/s'),
+        ):
+            with pytest.raises(SceneError, match=f"^a: {message}"):
+                Scene.from_tables(
+                    scene_of(path).to_tables()
+                    | {"run": run, "excitation": {"kind": "record", "file": str(path), key: value}},
+                    origin="a",
+                )
+
+
 def test_start_leaves_out_what_is_before(tmp_path):
     shifted = written(tmp_path, ["t_ms,acc"], rows(1e3 * TIMES + 1.7e12))
     for keys in ({}, {"sampling_rate": RATE, "time_column": None}):
         given = {"unit": "m/s^2", "start": 0.4, "detrend": "none", **keys}
         found = RecordedMotion(file=str(shifted), **given)
         np.testing.assert_allclose(found.samples, MOTION[100:], atol=1e-6)
-    refused(shifted, "the record ends before", unit="m/s^2", start=9.0)
+    refused(shifted, "the record ends before, at 1.99", unit="m/s^2", start=9.0)
 
 
 def test_stamps_in_whole_seconds_agree_with_a_rate(tmp_path):

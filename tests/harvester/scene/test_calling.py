@@ -26,8 +26,7 @@ def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "options", "words"),
     [
-        ((), {"engine": "circuit"}, "no option engine .did you mean method"),
-        ((), {"closure": "paper"}, "no option closure .did you mean method"),
+        ((), {"engine": "circuit"}, "no option engine; there are method, step"),
         ((), {"stop": 1.0}, "no option stop .did you mean step"),
         ((), {"zzzz": 1.0}, "no option zzzz; there are method, step"),
         (("circuit",), {}, "'circuit' stands without its name: .* method="),
@@ -105,3 +104,9 @@ def test_an_error_names_the_parameter_in_python_and_the_option_of_a_command(
     assert f"harvester: --{python}" in capsys.readouterr().err
     with pytest.raises(harvester.HarvesterError, match=f"^{python}"):
         call()
+
+
+@pytest.mark.parametrize("option", ["workers", "time_budget"])
+def test_true_is_no_number(option):
+    with pytest.raises(harvester.HarvesterError, match="True: must be a"):
+        harvester.sweep("paper", {"load.decay_rate": [1.0]}, **{option: True})

@@ -7,7 +7,7 @@ from truths import Keep, drop_scene, flat, records_of, reference_path
 
 from harvester.base.errors import SolutionDiverged
 from harvester.engines.monte_carlo.engine import integrate, record_of
-from harvester.excitation.ornstein_uhlenbeck import NoisePath
+from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
@@ -145,7 +145,7 @@ def test_more_points_than_there_is_room_for_are_handed_over_in_chunks():
 
 def test_a_path_of_no_noise_leaves_the_mass_at_rest():
     scene = Scene.read("paper", ["stoppers.gap=0.95"])
-    path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
+    path = OrnsteinUhlenbeck(1e-300, 1.0).path(0.05, 1.0, np.random.SeedSequence(1))
     for record in records_of(scene, 50.0, 1, path):
         np.testing.assert_allclose(record.displacement, -flat(scene).rest, atol=1e-9)
 
