@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from circuits.netlist.expression import Tree
 from circuits.netlist.waveform import Waveform
 
-
 # What a refused current's message advises.
 AMMETER = (
     "SPICE knows the currents of V, E, H, L and of B with v= alone; for another element, insert a "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import numpy as np
 
 from harvester.base.errors import HarvesterError, UnknownQuantity
-from harvester.base.formatting import count, is_share, prefixed, quantity, with_error
+from harvester.base.formatting import count, is_share, largest, prefixed, quantity, with_error
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import nearest, one_line, shown
 from harvester.base.serialising import NotAValue, plain, read
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+# Why a value has an error of 0.
+CONSTANT = "constant in the run: the load or the scene fixes it"
 # Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
 ERROR_KINDS = ("statistical", "numerical")
 _IN_JSON = (
@@ -294,7 +296,8 @@ class Result:
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
         printed = with_roots(self.quantities)
-        bare = any(estimate.note for estimate in printed.values())
+        reasons = {name: _why_bare(estimate) for name, estimate in printed.items()}
+        bare = any(reasons.values())
         header += ["no error bar because"] * bare
         rows = [
             [
@@ -303,7 +306,7 @@ class Result:
                 self.in_print(name, estimate)[1],
                 with_error(estimate.times(self.in_print(name, estimate)[0])),
                 *([] if numerical else [count(estimate.effective_sample_size)]),
-                *[estimate.note.removeprefix("no error bar: ")] * bare,
+                *[reasons[name]] * bare,
             ]
             for name, estimate in printed.items()
         ]
@@ -313,7 +316,7 @@ class Result:
         """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
-        return prefixed(estimate.estimate, self.unit(estimate.dimension))
+        return prefixed(largest(estimate), self.unit(estimate.dimension))
 
     def sentences(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
@@ -411,6 +414,13 @@ class Result:
         if self.netlist_sha256:
             sentences.append(f"netlist {self.netlist_sha256[:12]}")
         return sentences
+
+
+def _why_bare(estimate):
+    """Why a row of the table has no error bar; empty where it has one."""
+    if estimate.standard_error == 0.0 and not estimate.note:
+        return CONSTANT
+    return estimate.note.removeprefix("no error bar: ")
 
 
 def _add_density(variables, name, axes, density, scale, unit):

@@ -247,8 +247,9 @@ def _same_pixels(time, values):
     if time.size <= 4 * INTERVALS:
         return time, values
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], INTERVALS, endpoint=False))
-    # An interval without a point is left out.
-    parts = [(first, part) for first, part in zip(edges, np.split(values, edges[1:])) if part.size]
+    # An interval without a point repeats its neighbour.
+    edges = np.unique(edges)
+    parts = list(zip(edges, np.split(values, edges[1:]), strict=True))
     lows, highs = ([first + find(part) for first, part in parts] for find in (np.argmin, np.argmax))
     points = np.unique([0, *lows, *highs, time.size - 1])
     return time[points], values[points]

@@ -196,7 +196,9 @@ def test_refusals(divided):
     with pytest.raises(NetlistError, match="did you mean mid"):
         simulate(divided, nodes=["midd"])
     for spelling in ("i(Rlower)", "@rlower[i]", "rlower"):
-        with pytest.raises(NetlistError, match=r"0 V in series \(V1 a b 0\) and use i\(V1\); there"):
+        with pytest.raises(
+            NetlistError, match=r"0 V in series \(V1 a b 0\) and use i\(V1\); there"
+        ):
             simulate(divided, nodes=[spelling])
     with pytest.raises(LoadError, match="resistor alone"):
         simulate("device", nodes=["p"])

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE
+from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE, SUPPLY
 from harvester.device.record import Record
-from harvester.statistics.estimate import UNRESOLVED
+from harvester.statistics.estimate import NOT_STARTED, ROUNDED_OFF, STARTS_CHARGED, UNRESOLVED
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.output_side import estimate_output
@@ -68,11 +68,46 @@ def test_a_ripple_on_a_steady_voltage_is_no_rounding(ripple, resolved):
     """In the squares of 1.8 V rounding is 1e-8 V: more than the whole range of the smaller one."""
     course = lambda time: 1.8 + np.sqrt(2.0) * ripple * np.sin(20.0 * time)  # noqa: E731
     found = estimate_output([charging(77, 4.0, course)])
-    assert found["output_ripple"].estimate == pytest.approx(ripple, rel=0.01)
-    assert found["output_peak_to_peak"].estimate == pytest.approx(np.sqrt(8.0) * ripple, rel=0.01)
+    shown = ripple if resolved else 0.0
+    assert found["output_ripple"].estimate == pytest.approx(shown, rel=0.01)
+    assert found["output_peak_to_peak"].estimate == pytest.approx(np.sqrt(8.0) * shown, rel=0.01)
     for name in ("output_ripple", "output_peak_to_peak"):
         assert (found[name].note == UNRESOLVED) is not resolved
     assert found["output_voltage"].effective_sample_size is None or resolved
+
+
+def test_an_output_that_a_source_feeds_harvests_nothing_and_not_its_rounding():
+    """Output and supply are of 1 W, their difference is 3e-9 W: 0, and no rate for an hour."""
+    moments = charging(77, 4.0, lambda time: np.sqrt(2.0) * np.ones_like(time))
+    moments.output.rows = ((SUPPLY, "bout"), *moments.output.rows)
+    fed = np.zeros_like(moments.output.measured)
+    fed[:, 0, 0] = -moments.output.integrals[:, 0] * (1.0 + 3e-9)
+    moments.output.measured = np.concatenate([fed, moments.output.measured], axis=1)
+    found = estimate_output([moments])
+    assert found["supplied_by_bout"].estimate == pytest.approx(1.0)
+    for name in ("mean_output_power", "mean_storage_power", "converter_efficiency"):
+        assert found[name].estimate == 0.0, name
+        assert found[name].note == ROUNDED_OFF, name
+    assert found["stored_energy_per_hour"].estimate == 0.0
+    assert found["mean_converter_loss"].estimate == pytest.approx(1.0)
+
+
+def test_an_hour_is_extrapolated_from_even_charging_alone():
+    even = estimate_output([charging(77, course=lambda time: np.sqrt(1.0 + 0.1 * time))])
+    stored = even["stored_energy_per_hour"]
+    assert stored.estimate == pytest.approx(3600.0 * 1.5 * 0.1, rel=1e-3)
+    uneven = estimate_output([charging(77)])["stored_energy_per_hour"]
+    assert np.isnan(uneven.estimate)
+    assert "changes by 100% between the halves of the measured 16 s" in uneven.note
+
+
+def test_an_output_that_starts_charged_has_no_start_up_time():
+    found = estimate_output([charging(77, course=lambda time: 2.0 + 0.1 * np.sin(time))])
+    assert found["start_up_time"].estimate == 0.0
+    assert found["start_up_time"].note == STARTS_CHARGED
+    never = estimate_output([charging(77, course=lambda time: 0.0 * time)])["start_up_time"]
+    assert np.isnan(never.estimate)
+    assert never.note == NOT_STARTED
 
 
 def test_error_bars_follow_the_batches():
