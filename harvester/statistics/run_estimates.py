@@ -34,6 +34,7 @@ from harvester.statistics.passivity import (
     efficiency_notes,
     faint_output_notes,
     source_notes,
+    store_notes,
     supply_notes,
 )
 from harvester.statistics.run_quantities import estimate_all
@@ -170,6 +171,7 @@ def run_estimates(
         *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
         *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
         *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *store_notes(estimates),
         *faint_output_notes(estimates),
         *strain_notes(scene, moments),
         *magnet_notes(scene.magnets),
