@@ -415,6 +415,12 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     assert place == optimum.best == 0
     _, (row,) = found.table()
     assert "at 40 not ranked: its stores, not the device, deliver " in row[-1]
+    # Hollow in every figure is the point that is not ranked, error bar or not.
+    for figure in found.figures()[:2]:
+        (axes,) = figure.axes
+        white = [line for line in axes.lines if line.get_markerfacecolor() in ("w", "white")]
+        assert [list(line.get_xdata()) for line in white] == [[40.0], []]
+        assert white[-1].get_label().startswith("hollow: not ranked")
     # Emptied within a part of the run: the scatter of batches hides no discharge.
     stored = fed.estimates["mean_storage_power"]
     wide = replace(stored, standard_error=3.0 * abs(stored.estimate))
