@@ -24,7 +24,7 @@ from harvester.scene.units import Scales, scale
 from harvester.statistics.estimate import Density, Estimate, root
 from harvester.statistics.joint_density import JointDensity
 from harvester.statistics.moments import Moments
-from harvester.statistics.output_side import USED
+from harvester.statistics.output_side import USED, step_sizes
 from harvester.statistics.strain import without_line
 from harvester.statistics.units import SI_UNITS, unit_of
 
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+# The steps' error of a difference of powers is printed from this multiple of that of powers on.
+LARGER_ERROR = 1.5
 # Why a value has an error of 0.
 CONSTANT = "constant in the run: the load or the scene fixes it"
 # Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
@@ -408,6 +410,12 @@ class Result:
             )
         if self.step_error is not None:
             sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
+            loss = self.scaled_quantities.get("mean_converter_loss")
+            size = step_sizes(self.scaled_quantities).get("mean_converter_loss", 0.0)
+            # A difference of powers: noted where that matters.
+            if loss and size > LARGER_ERROR * abs(loss.estimate) > 0.0:
+                share = self.step_error * size / abs(loss.estimate)
+                sentences[-1] += f", the converter loss up to {100.0 * share:.1g} %"
         if self.energy_balance_residual is not None:
             sentences.append(f"energy balance residual {self.energy_balance_residual:z.2%}")
         sentences.append(f"{self.wall_seconds:.2f} s")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
     KNOTS_PER_HISTOGRAM_SAMPLE,
@@ -167,6 +167,37 @@ def _stored_energies(moments, time, error_of):
     return {
         "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),
         "final_stored_energy": _single(final, "energy"),
+    }
+
+
+def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> dict[str, float]:
+    """Sizes of the powers of which these quantities are differences; empty without an output.
+
+    Steps change each power by a share of itself, and a small difference of large powers by as much.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+    measures : sequence of circuits.netlist.measures.Measure
+        A loss whose expression is a difference counts as one of the size of the load's power.
+    """
+    if "mean_converter_loss" not in estimates:
+        return {}
+    sizes = {name: abs(estimate.estimate) for name, estimate in estimates.items()}
+    given, put_in = sizes["mean_power"], sizes["mean_input_power"]
+    supplies = [size for name, size in sizes.items() if name.startswith(SUPPLIED)]
+    output = math.hypot(sizes.get(USED, sizes["mean_output_power"]), *supplies)
+    harvested = math.hypot(output, sizes["mean_storage_power"])
+    losses = [m.name for m in measures if m.kind == LOSS and m.trees[0][0] == "-"]
+    return {
+        "mean_output_power": output,
+        "mean_storage_power": max(given, output),
+        "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
+        "mean_converter_loss": math.hypot(given, harvested),
+        "converter_efficiency": harvested / given if given else 0.0,
+        "end_to_end_efficiency": harvested / put_in if put_in else 0.0,
+        **{f"{name}_loss": given for name in losses},
+        **{f"{name}_loss_share": given / put_in if put_in else 0.0 for name in losses},
     }
 
 

@@ -36,7 +36,7 @@ from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
 from harvester.statistics.estimate import ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
-from harvester.statistics.output_side import USED
+from harvester.statistics.output_side import USED, step_sizes
 from harvester.statistics.passivity import SUPPLIED, fed_by_stores
 from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
@@ -181,7 +181,9 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else run.whole[name].note or TOO_SHORT
     power = Estimate(float(series.mean()), error, None, "power", why)
-    power = with_steps(scene, power, run.path_error)
+    size = step_sizes(run.whole).get(name)
+    size = None if size is None else size * scales.power
+    power = with_steps(scene, power, run.path_error, size=size)
     if run.whole[name].note == ROUNDED_OFF:
         power = run.whole[name]
     reason = (f"output power: {why}",) if why and not run.shortfalls else ()

@@ -2,11 +2,20 @@ import numpy as np
 import pytest
 
 from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE, SUPPLY
+from circuits.netlist.measures import Measure
 from harvester.device.record import Record
-from harvester.statistics.estimate import NOT_STARTED, ROUNDED_OFF, STARTS_CHARGED, UNRESOLVED
+from harvester.scene.model import Scene
+from harvester.statistics.estimate import (
+    NOT_STARTED,
+    ROUNDED_OFF,
+    STARTS_CHARGED,
+    UNRESOLVED,
+    Estimate,
+)
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_moments import OutputMoments
-from harvester.statistics.output_side import estimate_output
+from harvester.statistics.output_side import estimate_output, step_sizes
+from harvester.statistics.run_estimates import with_steps
 
 # A piecewise linear passage over levels 2.2 % apart, of t = −ln(1 − v) at v = 0.9: h²/8 · 1/(1−v)².
 PASSAGE = 5e-3
@@ -90,6 +99,31 @@ def test_an_output_that_a_source_feeds_harvests_nothing_and_not_its_rounding():
         assert found[name].note == ROUNDED_OFF, name
     assert found["stored_energy_per_hour"].estimate == 0.0
     assert found["mean_converter_loss"].estimate == pytest.approx(1.0)
+
+
+def test_the_error_of_steps_of_a_difference_is_that_of_its_terms():
+    """A loss of 0.4 of 1 W given, 0.5 W used and 0.1 W stored; with a bar of 0 of its own."""
+    found = {
+        f"mean_{name}": Estimate(value, 0.0, None, "power")
+        for name, value in (
+            ("power", 1.0), ("input_power", 2.0), ("output_power", 0.5), ("storage_power", 0.1),
+            ("converter_loss", 0.4),
+        )
+    }  # fmt: skip
+    loss = [
+        Measure(LOSS, name, "", "", "", ((op, 1, 2), None))
+        for name, op in (("bridge", "-"), ("wire", "*"))
+    ]
+    sizes = step_sizes(found, loss)
+    terms = np.hypot(1.0, np.hypot(0.5, 0.1))
+    assert sizes["mean_converter_loss"] == pytest.approx(terms)
+    assert (sizes["bridge_loss"], "wire_loss" in sizes) == (1.0, False)
+    assert sizes["end_to_end_efficiency"] == pytest.approx(np.hypot(0.5, 0.1) / 2.0)
+    found["supplied_by_b1"] = Estimate(3.0, 0.0, None, "power")
+    assert step_sizes(found)["mean_output_power"] == pytest.approx(np.hypot(0.5, 3.0))
+    scene = Scene.read("device", ['excitation={kind="sine", amplitude=6.0, frequency=8.0}'])
+    whole = with_steps(scene, found["mean_converter_loss"], 0.01, size=terms)
+    assert whole.standard_error == pytest.approx(0.01 * terms)
 
 
 def test_an_hour_is_extrapolated_from_even_charging_alone():
