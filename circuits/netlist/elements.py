@@ -8,6 +8,12 @@ from typing import Any, NamedTuple
 from circuits.netlist.expression import Tree
 from circuits.netlist.waveform import Waveform
 
+# What a refused current's message advises.
+AMMETER = (
+    "SPICE knows the currents of V, E, H, L and of B with v= alone; for another element, insert a "
+    "source of 0 V in series (V1 a b 0) and use i(V1)"
+)
+
 
 class Model(NamedTuple):
     """A .model as one element sees it: its name, kind, parameters and flags."""
@@ -81,6 +87,11 @@ class Element(NamedTuple):
     def first_value(self) -> Any:
         """The value of an independent source at the beginning."""
         return self.wave.start if self.wave else self.value
+
+    @property
+    def has_current(self) -> bool:
+        """Whether its current is an unknown of the circuit, so that i(name) exists."""
+        return self.letter in "vehl" or (self.letter == "b" and self.voltage)
 
     @property
     def many(self) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from circuits.netlist.elements import AMMETER
 from circuits.netlist.expression import ExpressionError, currents_in, leaves, nodes_in, parse
 from circuits.netlist.flattening import calls
 from circuits.netlist.part_models import LEAST_RESISTANCE
@@ -144,14 +145,13 @@ def _check_nodes(parts, pins):
 
 def _check_currents(parts):
     """Refuse an expression with the current of an element that does not exist."""
-    currents = {part.name for part in parts if part.letter in "vehl" or part.voltage}
+    currents = {part.name for part in parts if part.has_current}
     for part in parts:
         for name in sorted({*part.controls, *currents_in(part.expression)}):
             if name not in currents:
                 _refuse(
                     part,
-                    f"i({name[:60]}) is no current of the load{nearest(name, currents)}: only that "
-                    "of a V, E, H, L or of a B with v= is; a source of 0 V in series is an ammeter",
+                    f"i({name[:60]}) is no current of the load{nearest(name, currents)}: {AMMETER}",
                 )
 
 

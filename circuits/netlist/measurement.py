@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from circuits.netlist.elements import AMMETER
 from circuits.netlist.expression import (
     CIRCUIT_ONLY,
     ExpressionError,
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 # A power that jumps is evaluated at this number of places within each step, an even one.
 JUMP_PLACES = 32
-# Letters of elements whose current is an unknown of the circuit.
-_WITH_CURRENT = "vehl"
 # Letters of diodes, switches and transistors, which part the two sides of a rectifier.
 _RECTIFYING = "dswqmj"
 
@@ -228,7 +227,7 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
         The load has no such node or current.
     """
     known_nodes = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
-    known_nodes |= {f"i({part.name})" for part in load.elements if _has_current(part)}
+    known_nodes |= {f"i({part.name})" for part in load.elements if part.has_current}
     # The reference itself has a voltage against n only.
     direct = _direct_current_side(load) - {*load.pins[3:]}
     probes = {}
@@ -240,9 +239,13 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
             column, reference = name, load.pins[3] if name in direct else load.pins[1]
         for node in (name, reference):
             if node not in known_nodes:
+                # i(D1), @d1[id] or d1: the current of an element that has none in SPICE.
+                words = {*re.findall(r"[\w.]+", node)}
+                of_element = words & {part.name for part in load.elements if not part.has_current}
+                hint = f": {AMMETER}" if of_element else nearest(node, known_nodes)
                 raise NetlistError(
-                    f"{load.file or load.name}: no node or current {named(node)}"
-                    f"{nearest(node, known_nodes)}; there are {', '.join(sorted(known_nodes))}"
+                    f"{load.file or load.name}: no node or current {named(node)}{hint}; there are "
+                    f"{', '.join(sorted(known_nodes))}"
                 )
         probes[column] = Probe(column, name, "" if name.startswith("i(") else reference)
     return tuple(probes.values())
@@ -270,7 +273,7 @@ def evaluated(
         An expression needs a node or a current that the load does not have; with file and line.
     """
     known_nodes = {*scope.nodes.values(), *(node for part in parts for node in part.nodes)}
-    known_nodes |= {f"i({part.name})" for part in parts if _has_current(part)}
+    known_nodes |= {f"i({part.name})" for part in parts if part.has_current}
 
     def read(measure: Measure, text: str) -> Any:
         if not text:
@@ -291,15 +294,11 @@ def evaluated(
     )
 
 
-def _has_current(part):
-    return part.letter in _WITH_CURRENT or (part.letter == "b" and part.voltage)
-
-
 def _check_known(measure, tree, known):
     for name in unknowns_in(tree):
         if name not in known:
             what = "current" if name.startswith("i(") else "node"
             raise NetlistError(
                 f"{measure.where}: measure: the load has no {what} {name[:60]}"
-                f"{nearest(name, known)}; a current is that of a V, E, H, L or of a B with v="
+                f"{nearest(name, known)}{f'; {AMMETER}' * name.startswith('i(')}"
             )

@@ -56,14 +56,20 @@ class Estimated(Protocol):
 def with_error(estimate: Estimated, unit: str = "") -> Number:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
-    factor, symbol = prefixed(value, unit)
+    factor, symbol = prefixed(largest(estimate), unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
     bare = text.removesuffix(NO_ERROR_BAR)
     return Number(f"{bare} {symbol}".rstrip() + text[len(bare) :], value, error, unit)
 
 
+def largest(estimate: Estimated) -> float:
+    """The larger of a value and its error, which decides how both are printed."""
+    sizes = (abs(estimate.estimate), estimate.standard_error or 0.0)
+    return max((size for size in sizes if math.isfinite(size)), default=math.nan)
+
+
 def value_and_error(value: float, error: float | None) -> Number:
-    """ "0.02745 ± 0.00012"; an error below the value's last digit is only bounded.
+    """ "0.02745 ± 0.00012"; an error of 0 is left out, one below the value's last digit bounded.
 
     Examples
     --------
@@ -73,6 +79,8 @@ def value_and_error(value: float, error: float | None) -> Number:
     '0 ± 65'
     >>> value_and_error(0.0001177601503556, 1.1e-18)
     '0.000117760 ± <1e-9'
+    >>> value_and_error(32.4, 0.0), value_and_error(7e-14, 0.3)
+    ('32.4', '0.00 ± 0.30')
     """
     return Number(_value_and_error(value, error), value, error)
 
@@ -82,17 +90,16 @@ def _value_and_error(value, error):
         return NOT_KNOWN
     if error is None or not math.isfinite(error):
         return f"{_number(value, 3)}{NO_ERROR_BAR}"
-    if not value and not error:
-        return "0 ± 0"
-    size = abs(value) or error
+    if not error:
+        return _number(value, MOST_DIGITS)
+    size = max(abs(value), error)
     exponent = math.floor(math.log10(size))
     if not -4 <= exponent < 5:
         scale = 10.0**exponent
         return f"({_value_and_error(value / scale, error / scale)})e{exponent}"
     most = max(0, MOST_DIGITS - 1 - exponent)
     if error < 0.5 * 10.0**-most:
-        bound = "0" if error == 0.0 else f"<1e-{most}" if most else "<1"
-        return f"{value:.{most}f} ± {bound}"
+        return f"{value:.{most}f} ± {f'<1e-{most}' if most else '<1'}"
     # The error is rounded first, so that 0.0996 is shown as 0.10.
     places = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
     text = f"{value:.{places}f}"
@@ -107,7 +114,7 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Number:
         return Number(NOT_KNOWN)
     value = 100.0 * share
     text = f"{value:.2f}" if error is None else _value_and_error(value, 100.0 * error)
-    plus = "+" if sign and value > 0.0 and not text.startswith(("0 ", "(")) else ""
+    plus = "+" if sign and text[0] != "(" and float(text.split()[0]) > 0.0 else ""
     return Number(f"{plus}{text} %", share, error, "1")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import numpy as np
 
 from harvester.base.errors import HarvesterError, UnknownQuantity
-from harvester.base.formatting import count, is_share, prefixed, quantity, with_error
+from harvester.base.formatting import count, is_share, largest, prefixed, quantity, with_error
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import nearest, shown
 from harvester.base.serialising import NotAValue, plain, read
@@ -28,7 +28,7 @@ from harvester.scene.units import Scales, scale
 from harvester.statistics.estimate import Density, Estimate, root
 from harvester.statistics.joint_density import JointDensity
 from harvester.statistics.moments import Moments
-from harvester.statistics.output_side import USED
+from harvester.statistics.output_side import USED, step_sizes
 from harvester.statistics.strain import without_line
 from harvester.statistics.units import SI_UNITS, unit_of
 
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import Dataset
 
+# The steps' error of a difference of powers is printed from this multiple of that of powers on.
+LARGER_ERROR = 1.5
+# Why a value has an error of 0.
+CONSTANT = "constant in the run: the load or the scene fixes it"
 # Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
 ERROR_KINDS = ("statistical", "numerical")
 _IN_JSON = (
@@ -311,7 +315,8 @@ class Result(ResultBase):
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
         printed = with_roots(self.quantities)
-        bare = any(estimate.note for estimate in printed.values())
+        reasons = {name: _why_bare(estimate) for name, estimate in printed.items()}
+        bare = any(reasons.values())
         header += ["no error bar because"] * bare
         rows = [
             [
@@ -320,7 +325,7 @@ class Result(ResultBase):
                 self.in_print(name, estimate)[1],
                 with_error(estimate.times(self.in_print(name, estimate)[0])),
                 *([] if numerical else [count(estimate.effective_sample_size)]),
-                *[estimate.note.removeprefix("no error bar: ")] * bare,
+                *[reasons[name]] * bare,
             ]
             for name, estimate in printed.items()
         ]
@@ -345,7 +350,7 @@ class Result(ResultBase):
         """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
-        return prefixed(estimate.estimate, self.unit(estimate.dimension))
+        return prefixed(largest(estimate), self.unit(estimate.dimension))
 
     def _findings(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
@@ -399,12 +404,25 @@ class Result(ResultBase):
             )
         if self.step_error is not None:
             sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
+            loss = self.scaled_quantities.get("mean_converter_loss")
+            size = step_sizes(self.scaled_quantities).get("mean_converter_loss", 0.0)
+            # A difference of powers: noted where that matters.
+            if loss and size > LARGER_ERROR * abs(loss.estimate) > 0.0:
+                share = self.step_error * size / abs(loss.estimate)
+                sentences[-1] += f", the converter loss up to {100.0 * share:.1g} %"
         if self.energy_balance_residual is not None:
             sentences.append(f"energy balance residual {self.energy_balance_residual:z.2%}")
         sentences.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
             sentences.append(f"netlist {self.netlist_sha256[:12]}")
         return sentences
+
+
+def _why_bare(estimate):
+    """Why a row of the table has no error bar; empty where it has one."""
+    if estimate.standard_error == 0.0 and not estimate.note:
+        return CONSTANT
+    return estimate.note.removeprefix("no error bar: ")
 
 
 def _add_density(variables, name, axes, density, scale, unit):

@@ -32,10 +32,11 @@ PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
 # Width and height of a panel, in inches.
 WIDTH, HEIGHT = 7.0, 1.3
-# An envelope has this number of bins and replaces a line of more points per bin than `MOST_IN_BIN`,
-# whose oscillations would fill the panel. A bin then holds a period of 50 points.
-BINS, MOST_IN_BIN = 150, 50
-# Columns that differ by no more than this share of their size are drawn once.
+# A line of many points is drawn by the smallest and largest value of each of this number of
+# intervals, at least two to a pixel: it covers the same pixels.
+INTERVALS = 2000
+# Columns that differ by no more than this share of their size are drawn once, and a column that
+# varies by no more as a constant: rounding would be the picture.
 SAME = 1e-9
 # A column that varies by a smaller share of its mean is drawn as its deviation from that.
 DEVIATION = 1e-3
@@ -213,17 +214,19 @@ def _draw(waveform):
     for axes, (words, name) in zip(panels, drawn.items(), strict=True):
         values, unit = waveform.columns[name], waveform.units[name]
         middle = float(values.mean()) if values.size else 0.0
-        if 0.0 < np.ptp(values) < DEVIATION * abs(middle):
-            words, values = f"{words}\n− {quantity(middle, unit, 7)}", values - middle
+        spread = float(np.ptp(values)) if values.size else 0.0
+        if 0.0 < spread <= SAME * abs(middle):
+            words, values = f"{words}\n(constant)", np.full_like(values, middle)
+        elif 0.0 < spread < DEVIATION * abs(middle):
+            sign = "−" if middle > 0.0 else "+"
+            words, values = f"{words}\n{sign} {quantity(abs(middle), unit, 7)}", values - middle
         factor, unit = prefixed(float(abs(values).max(initial=0.0)), unit)
-        _draw_column(axes, waveform.time, factor * values)
+        line = _same_pixels(waveform.time, factor * values)
+        axes.plot(*line, color=CIRCUIT, linewidth=0.8)
         axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
     panels[-1].set_xlabel("time [s]")
     figure.align_ylabels(panels)
-    title = f"{waveform.scene.name}: one realization by {waveform.engine}"
-    if _is_long(waveform.time):
-        title += f"; band: smallest and largest value in each of {BINS} intervals"
-    set_title(figure, title)
+    set_title(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
     return figure
 
 
@@ -245,20 +248,14 @@ def _drawn_once(waveform):
     return drawn
 
 
-def _is_long(time):
-    """Whether a record is long enough to be drawn as an envelope."""
-    return time.size > BINS * MOST_IN_BIN
-
-
-def _draw_column(axes, time, values):
-    """Draw values over time; of many points the smallest and the largest of each bin."""
-    if not _is_long(time):
-        axes.plot(time, values, color=CIRCUIT, linewidth=0.8)
-        return
-    edges = np.searchsorted(time, np.linspace(time[0], time[-1], BINS, endpoint=False))
-    # A bin without a point would repeat its neighbour.
+def _same_pixels(time, values):
+    """A line of fewer points that covers the same pixels, where there are many."""
+    if time.size <= 4 * INTERVALS:
+        return time, values
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], INTERVALS, endpoint=False))
+    # An interval without a point repeats its neighbour.
     edges = np.unique(edges)
-    low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-    axes.fill_between(time[edges], low, high, color=CIRCUIT, alpha=0.25, linewidth=0)
-    for bound in (low, high):
-        axes.plot(time[edges], bound, color=CIRCUIT, linewidth=0.6)
+    parts = list(zip(edges, np.split(values, edges[1:]), strict=True))
+    lows, highs = ([first + find(part) for first, part in parts] for find in (np.argmin, np.argmax))
+    points = np.unique([0, *lows, *highs, time.size - 1])
+    return time[points], values[points]

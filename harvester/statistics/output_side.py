@@ -9,17 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
+    KNOTS_PER_HISTOGRAM_SAMPLE,
     complete_batches,
     ratio_estimate,
     ratio_of_sums,
     standard_error,
 )
 from harvester.statistics.estimate import (
+    NOT_STARTED,
     NOTHING_PUT_IN,
     RESOLVED_SHARE,
+    ROUNDED_OFF,
+    STARTS_CHARGED,
     UNRESOLVED,
     Estimate,
     why_no_error,
@@ -46,6 +50,9 @@ ONE_VALUE_NOTE = "one value a realization: no error bar"
 # A source of the load that delivers a smaller share of what is harvested is left in it: the steps
 # may cost as much.
 LEAST_SUPPLY = 1e-3
+# Stores charge unevenly if the rates of the run's halves differ by more than this share of their
+# mean, and by this number of its standard errors: three of the difference.
+UNEVEN_SHARE, UNEVEN_SIGMAS = 0.2, 6.0
 # Quantities that are a ratio of two sums over batches, with their dimensions.
 RATIOS = {
     "mean_output_power": "power",
@@ -86,12 +93,12 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
-    estimates |= {
-        name: ratio_estimate(
-            *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
-        )
-        for name, dimension in RATIOS.items()
-    }
+    for name, dimension in RATIOS.items():
+        energies = output_ratio(moments, name)
+        estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
+        if name != "output_voltage":
+            estimate = _resolved(estimate, *energies, _exchanged(moments, output))
+        estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
@@ -100,16 +107,48 @@ def estimate_output(
     mean = abs(estimates["output_voltage"].estimate)
     for name in ("output_ripple", "output_peak_to_peak"):
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
-            estimates[name] = replace(
-                estimates[name], standard_error=None, effective_sample_size=None, note=UNRESOLVED
-            )
+            estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    hourly = SECONDS_PER_HOUR * np.ones_like(time)
-    estimates["stored_energy_per_hour"] = ratio_estimate(
-        hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
-        error_of=error_of,
-    )  # fmt: skip
+    estimates["stored_energy_per_hour"] = _per_hour(
+        estimates["mean_storage_power"], output_ratio(moments, "mean_storage_power")[0], time
+    )
     return estimates | estimate_measures(moments, error_of)
+
+
+def _exchanged(moments, output):
+    """Energy that the device gives, sources of the load deliver and the output uses."""
+    used, _ = _used_and_stored(moments, output)
+    given = output_ratio(moments, "converter_efficiency")[1]
+    parts = (used, given, *supplied(moments).values())
+    return sum(abs(float(part.sum())) for part in parts)
+
+
+def _resolved(estimate, upper, lower, exchanged):
+    """A ratio of energies; 0 where `upper`, a difference of energies, is their rounding."""
+    least, error = RESOLVED_SHARE * exchanged, estimate.standard_error or 0.0
+    if exchanged and abs(upper.sum()) <= least and error * abs(lower.sum()) <= least:
+        return Estimate(0.0, None, None, estimate.dimension, ROUNDED_OFF)
+    return estimate
+
+
+def _per_hour(storage, stored, time):
+    """Energy stored in an hour; none where the two halves of the run store at different rates."""
+    half = time.shape[1] // 2
+    early, late = (
+        float(stored[:, part].sum() / time[:, part].sum()) if half else storage.estimate
+        for part in (slice(None, half), slice(half, None))
+    )
+    scatter = UNEVEN_SIGMAS * (storage.standard_error or 0.0)
+    uneven = abs(late - early) > max(UNEVEN_SHARE * abs(storage.estimate), scatter)
+    if uneven and storage.note != ROUNDED_OFF:
+        length = float(time.sum(axis=1).mean())
+        change = abs(late - early) / max(abs(late), abs(early))
+        note = (
+            f"stores charge unevenly: their power changes by {change:.0%} between the halves of "
+            f"the measured {length:.3g} s, so that an hour is not like these"
+        )
+        return Estimate(math.nan, None, None, "hourly_energy", note)
+    return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
 
 
 def _stored_energies(moments, time, error_of):
@@ -128,6 +167,37 @@ def _stored_energies(moments, time, error_of):
     return {
         "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),
         "final_stored_energy": _single(final, "energy"),
+    }
+
+
+def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> dict[str, float]:
+    """Sizes of the powers of which these quantities are differences; empty without an output.
+
+    Steps change each power by a share of itself, and a small difference of large powers by as much.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+    measures : sequence of circuits.netlist.measures.Measure
+        A loss whose expression is a difference counts as one of the size of the load's power.
+    """
+    if "mean_converter_loss" not in estimates:
+        return {}
+    sizes = {name: abs(estimate.estimate) for name, estimate in estimates.items()}
+    given, put_in = sizes["mean_power"], sizes["mean_input_power"]
+    supplies = [size for name, size in sizes.items() if name.startswith(SUPPLIED)]
+    output = math.hypot(sizes.get(USED, sizes["mean_output_power"]), *supplies)
+    harvested = math.hypot(output, sizes["mean_storage_power"])
+    losses = [m.name for m in measures if m.kind == LOSS and m.trees[0][0] == "-"]
+    return {
+        "mean_output_power": output,
+        "mean_storage_power": max(given, output),
+        "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
+        "mean_converter_loss": math.hypot(given, harvested),
+        "converter_efficiency": harvested / given if given else 0.0,
+        "end_to_end_efficiency": harvested / put_in if put_in else 0.0,
+        **{f"{name}_loss": given for name in losses},
+        **{f"{name}_loss_share": given / put_in if put_in else 0.0 for name in losses},
     }
 
 
@@ -224,6 +294,12 @@ def _ripple(moments, output, time, error_of):
 
 def _start_up(times, moments, final):
     """When the output started, with a note if it has not by the end of the run."""
+    # What starts within a knot of the excitation does not start by what is harvested.
+    knot = moments[0].sample_interval / KNOTS_PER_HISTOGRAM_SAMPLE
+    if all(time <= knot for time in times):
+        return Estimate(0.0, None, None, "time", STARTS_CHARGED)
+    if not np.isfinite(times).all():
+        return Estimate(math.nan, None, None, "time", NOT_STARTED)
     estimate, ends = _single(times, "time"), output_ramp(moments)
     if ends is None or abs(abs(ends[1]) - final) <= (1.0 - STARTED_SHARE) * final:
         return estimate

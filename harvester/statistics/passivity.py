@@ -23,6 +23,39 @@ STEPS_OWN_EXCESS = 5e-4
 # above 6e-5.
 FAINT_OUTPUT = 1e-5
 
+# Stores feed an output if they deliver more than the first share of its power and more than one
+# standard error, or more than the second: the bar of a store that is emptied once is too large.
+DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
+
+
+def fed_by_stores(estimates: dict[str, Estimate]) -> str:
+    """Say what share of the output power comes from the load's stores; empty where none does.
+
+    Capacitors whose value is an expression are not followed. An output that takes more than leaves
+    the device shows them.
+    """
+    names = ("mean_power", "mean_output_power", "mean_storage_power")
+    if not all(name in estimates for name in names):
+        return ""
+    given, output, stored = (estimates[name] for name in names)
+    drawn, power = -stored.estimate, output.estimate
+    if not power > 0.0:
+        return ""
+    if drawn > MOST_DRAWN * power or drawn > max(DRAWN_SHARE * power, stored.standard_error or 0.0):
+        share = min(drawn / power, 1.0)
+    elif power > (1.0 + DRAWN_SHARE) * given.estimate:
+        share = 1.0 - max(given.estimate, 0.0) / power
+    else:
+        return ""
+    return f"its stores, not the device, deliver {share:.2g} of the output power"
+
+
+def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
+    """A note on an output that the load's stores feed."""
+    fed = fed_by_stores(estimates)
+    advice = "raise run.settle, or start them nearer to their steady state by ic="
+    return (f"the load discharges: {fed}: {advice}",) if fed else ()
+
 
 def efficiency_notes(
     estimates: dict[str, Estimate], power_scale: float, unit: str

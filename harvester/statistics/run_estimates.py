@@ -29,11 +29,12 @@ from harvester.statistics.batch_means import (
 from harvester.statistics.estimate import TOO_SHORT
 from harvester.statistics.measures import without_value
 from harvester.statistics.moments import QUANTITIES
-from harvester.statistics.output_side import estimate_output
+from harvester.statistics.output_side import estimate_output, step_sizes
 from harvester.statistics.passivity import (
     efficiency_notes,
     faint_output_notes,
     source_notes,
+    store_notes,
     supply_notes,
 )
 from harvester.statistics.run_quantities import estimate_all
@@ -156,8 +157,9 @@ def run_estimates(
     estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     estimates |= device_storage(moments, balanced, system, error)
     estimates |= estimate_strain(balanced, scene.excitation, error)
+    sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
     estimates = {
-        name: with_steps(scene, estimate, path_error, memory)
+        name: with_steps(scene, estimate, path_error, memory, sizes.get(name))
         for name, estimate in estimates.items()
     }
     reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
@@ -170,6 +172,7 @@ def run_estimates(
         *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
         *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
         *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *store_notes(estimates),
         *faint_output_notes(estimates),
         *strain_notes(scene, moments),
         *magnet_notes(scene.magnets),
@@ -276,30 +279,36 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
 
 
 def with_steps(
-    scene: Scene, estimate: Estimate, path_error: float, memory: float = 0.0
+    scene: Scene,
+    estimate: Estimate,
+    path_error: float,
+    memory: float = 0.0,
+    size: float | None = None,
 ) -> Estimate:
     """The estimate with the error of its steps, if the excitation is deterministic.
 
     A periodic motion or a transient has no sample size. That of another path is at most the number
     of correlation times `memory` (s): what repeats itself within a cycle is no further sample.
+    The steps cost a share of `size`, by default the estimate's own; see `step_sizes`.
     """
     excitation = scene.excitation
     if excitation.random:
         return estimate
-    error, size = estimate.standard_error, estimate.effective_sample_size
+    error, samples = estimate.standard_error, estimate.effective_sample_size
+    size = abs(estimate.estimate) if size is None else size
     # The bars of these do not hold the scatter of batches.
     unvarying = excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
-        size = None
+        samples = None
     # What is constant while the motion changes does not depend on how it is stepped.
     if error is not None and (unvarying or not constant(estimate.estimate, error)):
-        whole = math.hypot(error, path_error * abs(estimate.estimate))
-        if size is not None and whole > 0.0:
-            size *= (error / whole) ** 2
+        whole = math.hypot(error, path_error * size)
+        if samples is not None and whole > 0.0:
+            samples *= (error / whole) ** 2
         error = whole
-    if size is not None and memory > 0.0:
-        size = min(size, scene.run.duration / memory)
-    return replace(estimate, standard_error=error, effective_sample_size=size)
+    if samples is not None and memory > 0.0:
+        samples = min(samples, scene.run.duration / memory)
+    return replace(estimate, standard_error=error, effective_sample_size=samples)
 
 
 def _loose_nodes(load):

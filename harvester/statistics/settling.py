@@ -30,7 +30,7 @@ from harvester.statistics.batch_means import (
     constant,
     standard_error,
 )
-from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, UNRESOLVED
+from harvester.statistics.estimate import OF_THE_VALUE, TOO_SHORT
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_side import output_ramp
@@ -148,7 +148,7 @@ def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str
     result = dict(estimates)
     for shortfall in reversed(found):
         for name in result if shortfall.names is None else shortfall.names:
-            if name in result and result[name].note not in (NO_VALUE, UNRESOLVED):
+            if name in result and result[name].note not in OF_THE_VALUE:
                 result[name] = replace(
                     result[name],
                     standard_error=None,

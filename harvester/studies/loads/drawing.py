@@ -107,7 +107,7 @@ def _draw(study, label, value, more):
     return draw_panels(
         panels,
         f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
-        "bars: two standard errors (hollow: none or not ranked)",
+        "bars: two standard errors; a point without one has no error bar",
     )
 
 
@@ -115,6 +115,9 @@ def _finish(study, other, more, axes):
     """Finish the axes: names of the loads where nothing is swept, and what `more` draws."""
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
+    if any(evaluation.unranked for evaluation in study.evaluations):
+        # The same points in every figure, explained in the legend.
+        axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")
     more(study, other, axes)
 
 
@@ -124,7 +127,7 @@ def _curves(study, other, places, value):
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
         row = [study.curves[(k, *other)][index] for index in order]
         means = [
-            (index, mean, bool(evaluation.unranked))
+            (index, mean, evaluation.unranked)
             for index, evaluation in zip(order, row, strict=True)
             if (mean := value(evaluation))
         ]
@@ -139,7 +142,7 @@ def _curves(study, other, places, value):
                 colour=colour,
                 marker=marker,
                 bars=[0.0 if error is None else BARS * error for error in errors],
-                hollow=[mean.standard_error is None or fed for _, mean, fed in means],
+                hollow=[bool(unranked) for _, _, unranked in means],
             )
         )
     return series

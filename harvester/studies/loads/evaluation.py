@@ -34,10 +34,10 @@ from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
-from harvester.statistics.estimate import TOO_SHORT, Estimate
+from harvester.statistics.estimate import ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
-from harvester.statistics.output_side import USED
-from harvester.statistics.passivity import SUPPLIED
+from harvester.statistics.output_side import USED, step_sizes
+from harvester.statistics.passivity import SUPPLIED, fed_by_stores
 from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
@@ -53,10 +53,8 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# An output is fed by its stores if they lose this share of its power, and more than one standard
-# error. A store's changes cancel from batch to batch, so that its error bar is rather too large.
-# Sources of the load feed it if no larger share of what it uses is harvested.
-DRAWN_SHARE = 0.01
+# Sources of the load feed an output if no larger share of what it uses is harvested.
+LEAST_HARVESTED = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
@@ -95,17 +93,15 @@ class Evaluation(Cell):
             sources = (name for name in self.estimates if name.startswith(SUPPLIED))
             names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
             return f"{names} in the load supplies what its output uses: nothing is harvested"
-        stored = self.estimates.get("mean_storage_power")
-        least = DRAWN_SHARE * abs(self.power)
-        if stored and -stored.estimate > max(stored.standard_error or 0.0, least):
-            return "its stores discharge into the output; raise run.settle"
+        if fed := fed_by_stores(self.estimates):
+            return f"{fed}; raise run.settle"
         return "no power reaches its output" if self.power <= 0.0 else ""
 
     @property
     def is_supplied(self) -> bool:
         """Whether sources of the load supply all that the output uses."""
         used = self.estimates.get(USED)
-        return used is not None and self.power <= DRAWN_SHARE * used.estimate
+        return used is not None and self.power <= LEAST_HARVESTED * used.estimate
 
     @property
     def ranked_power(self) -> float:
@@ -185,7 +181,11 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else run.whole[name].note or TOO_SHORT
     power = Estimate(float(series.mean()), error, None, "power", why)
-    power = with_steps(scene, power, run.path_error)
+    size = step_sizes(run.whole).get(name)
+    size = None if size is None else size * scales.power
+    power = with_steps(scene, power, run.path_error, size=size)
+    if run.whole[name].note == ROUNDED_OFF:
+        power = run.whole[name]
     reason = (f"output power: {why}",) if why and not run.shortfalls else ()
     notes = (*on_orbits, *run.notes, *residual_notes(run.residual), *reason)
     outcome = "; ".join([COMPLETE, *notes])

@@ -76,12 +76,13 @@ class Proof:
     @property
     def disagrees(self) -> bool:
         """Whether one of the differences exceeds its error and `SIGNIFICANT_SHARE`."""
-        return _beyond(self.difference, self.standard_error) or _beyond(
+        return is_significant(self.difference, self.standard_error) or is_significant(
             self.early_difference, self.early_standard_error
         )
 
 
-def _beyond(difference, standard_error):
+def is_significant(difference: float, standard_error: float) -> bool:
+    """Whether a difference exceeds its error and `SIGNIFICANT_SHARE`; False without an error."""
     beyond = abs(difference) > SIGNIFICANT_SIGMAS * standard_error
     return bool(beyond and abs(difference) > SIGNIFICANT_SHARE)
 
@@ -91,19 +92,21 @@ def places_to_prove(
 ) -> list[tuple[int, bool]]:
     """(place among the grid's points, whether it is a highest one), in the grid's order.
 
-    Every curve's highest point, and of each load one of the others by chance.
+    Every curve's highest point that is ranked, and of each load one of the others with a power by
+    chance.
     """
     lengths = [len(values) for values in grid.sweeps.values()]
     numbers = np.arange(len(evaluations)).reshape(len(grid.loads), *lengths)
     if grid.curve is not None:
         numbers = np.moveaxis(numbers, grid.curve + 1, -1)
-    power = np.array([evaluation.power for evaluation in evaluations])
+    ranked = np.array([evaluation.ranked_power for evaluation in evaluations])
+    power = np.array([evaluation.power or math.nan for evaluation in evaluations])
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(evaluations),)))
     chosen: dict[int, bool] = {}
     for of_load in numbers.reshape(len(grid.loads), -1):
         curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
-        finite = [curve[np.isfinite(power[curve])] for curve in curves]
-        best = {int(curve[np.argmax(power[curve])]) for curve in finite if curve.size}
+        finite = [curve[np.isfinite(ranked[curve])] for curve in curves]
+        best = {int(curve[np.argmax(ranked[curve])]) for curve in finite if curve.size}
         others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
         chosen |= dict.fromkeys(best, True)
         if others:

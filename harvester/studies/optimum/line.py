@@ -32,11 +32,12 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.estimate import Estimate
+from harvester.statistics.passivity import store_notes
 from harvester.statistics.run_estimates import error_of
 from harvester.statistics.units import unit_of
 from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
-from harvester.studies.optimum.objective import series_in_units
+from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
 # Places of averaging's scan; places between the neighbours of its highest; degree of the polynomial
@@ -104,6 +105,7 @@ def along(
         method=method.name,
         parameters=[OptimalParameter(axis, maximum.estimate, maximum.standard_error)],
         value=simulated.in_units()[quantity],
+        notes=store_notes(simulated.quantities),
         searched=[({axis.key: value_searched}, estimate) for value_searched, estimate in fitted],
         averaging=Averaging(closure, location, value, reason, value_of_closure),
     )
@@ -189,11 +191,11 @@ class Search:
             answers = self._answers(coordinates)
             fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity, self._error_of)
             if not fit.peaked or abs(fit.place) > 1.0:
-                centre = self._moved(centre, half, fit)
+                centre = self._moved(centre, half, fit, answers)
             elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
                 centre, half = centre + half * fit.place, max(0.5 * half, NARROWEST)
             elif fit.flat_to:
-                centre = self._better_seen(centre, half, fit)
+                centre = self._better_seen(centre, half, fit, answers)
             elif not fit.error or 2.0 * fit.error > WANTED:
                 if not self._lengthen():
                     return self._found(centre, half, fit, coordinates, answers)
@@ -225,21 +227,24 @@ class Search:
         values = [amount(answer, self.quantity) for answer in self._answers(grid)]
         return float(grid[np.argmax(values)])
 
-    def _moved(self, centre, half, fit):
+    def _moved(self, centre, half, fit, answers):
         """The next window's centre, towards the higher side if the slope is significant."""
         if not fit.sloped:
             if self._lengthen():
                 return centre
-            raise OptimumError(
-                f"{self.axis.key}: {self._name()} shows neither slope nor maximum around "
-                f"{self.axis.value(centre):.4g}; raise run.duration"
+            self._refuse_flat(
+                answers,
+                f"is the same within its errors from {self.axis.value(centre - half):.4g} to "
+                f"{self.axis.value(centre + half):.4g} by {self.method.name}: any value there is "
+                "as good as far as these runs tell; raise run.duration to see less, or choose "
+                "another range or parameter",
             )
         side = math.copysign(1.0, fit.slope)
         if not half < centre + side * 1e-9 < 1.0 - half:
             self._refuse_end(0.5 + 0.5 * side)
         return centre + side * half
 
-    def _better_seen(self, centre, half, fit):
+    def _better_seen(self, centre, half, fit, answers):
         """The next window's centre, if the fitted maximum is not above both ends of the
         present window."""
         around = min(max(centre + half * fit.place, half), 1.0 - half)
@@ -249,11 +254,19 @@ class Search:
             return centre
         location = self.axis.value(centre + half * fit.place)
         end = self.axis.value(centre + half * fit.flat_to)
-        raise OptimumError(
-            f"{self.axis.key}: {self._name()} is flat from {location:.4g} to {end:.4g} by "
-            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: the maximum is a plateau, or "
-            "the range is too narrow: widen it"
+        self._refuse_flat(
+            answers,
+            f"is flat from {location:.4g} to {end:.4g} by {self.method.name}, within errors or "
+            f"{STANDS_OUT:.1%}: any value of this plateau is as good; a maximum beyond it needs "
+            "another range (--from, --to)",
         )
+
+    def _refuse_flat(self, answers, flat):
+        """Refuse places between which nothing differs: where all are 0, for that reason."""
+        values = [answer.in_units()[self.quantity] for answer in answers]
+        if all(map(is_nothing, values)):
+            flat = f"is 0 within its errors at all {len(values)} places: {NOTHING}"
+        raise OptimumError(f"{self.axis.key}: {self._name()} {flat}")
 
     def _lengthen(self):
         """Multiply the number of realizations; False if it is at its limit already."""

@@ -13,6 +13,7 @@ from harvester.engines.request import Request
 from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+from harvester.statistics.estimate import Estimate
 from harvester.statistics.run_estimates import error_of
 from harvester.studies.answers import (
     answers_in_time,
@@ -22,6 +23,18 @@ from harvester.studies.answers import (
     value_of,
 )
 from harvester.studies.optimum.axis import Axis
+
+# A value within this number of its standard errors of 0 is none.
+NOTHING_SIGMAS = 2.0
+NOTHING = (
+    "there is nothing to optimise. Check the excitation (level, frequency) and the load: a "
+    "rectifier conducts above its diodes' voltages, a lockout or regulator above its threshold"
+)
+
+
+def is_nothing(value: Estimate) -> bool:
+    """Whether a value is 0 within its error."""
+    return abs(value.estimate) <= NOTHING_SIGMAS * (value.standard_error or 0.0)
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:

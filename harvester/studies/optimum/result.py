@@ -22,6 +22,7 @@ from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
+from harvester.studies.optimum.objective import NOTHING, is_nothing
 from harvester.studies.sweep import orbits_of
 
 SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
@@ -69,6 +70,8 @@ class Optimum(ResultBase):
         The value of the scene itself, over several parameters.
     orbits
         The orbits that drawn starts reach at the place without noise, the followed one first.
+    notes
+        What to know before citing the value.
     evaluations
         Runs in all, over several parameters.
     seconds
@@ -85,6 +88,7 @@ class Optimum(ResultBase):
     averaging: Averaging | None = None
     own: Estimate | None = None
     orbits: tuple[Attractor, ...] = ()
+    notes: tuple[str, ...] = ()
     evaluations: int = 0
     seconds: float = 0.0
 
@@ -172,6 +176,7 @@ class Optimum(ResultBase):
             f"{self.method}: cubic through {len(self.searched)} places in {span} on common noise, "
             f"seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
+            *self.notes,
             *self._on_orbits(),
             f"{self.seconds:.1f} s",
         ]
@@ -206,12 +211,17 @@ class Optimum(ResultBase):
             f"{interval}; of the scene itself {with_error(scene_value, self.unit)}",
             *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
+            *self.notes,
         ]
 
     def _on_ranges(self):
         """Sentences: the flat range of each parameter."""
-        lines = []
-        failures = sum(math.isnan(value.estimate) for _, value in self.searched)
+        lines: list[str] = []
+        values = [value.estimate for _, value in self.searched]
+        failures = sum(map(math.isnan, values))
+        if is_nothing(self.value):
+            words = self.quantity.replace("_", " ")
+            return [f"{words} is 0 within its error where it is largest: {NOTHING}"]
         if any(
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
@@ -225,6 +235,12 @@ class Optimum(ResultBase):
                     f"{parameter.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} "
                     "of its range: a device must hold the value closely"
                 )
+            if parameter.open_low and parameter.open_high:
+                lines.append(
+                    f"{parameter.axis.key}: flat: within {FLAT_SHARE:.0%} over the whole range, so "
+                    "that any value is as good; vary another parameter, or give another range"
+                )
+                continue
             for end, is_open in (
                 (parameter.axis.low, parameter.open_low),
                 (parameter.axis.high, parameter.open_high),
@@ -320,7 +336,7 @@ class Optimum(ResultBase):
             "scene_itself": self.own,
             "searched": [{**values, "value": mean.estimate} for values, mean in self.searched],
             "evaluations": self.evaluations,
-            "notes": self._on_orbits(),
+            "notes": [*self.notes, *self._on_orbits()],
         }
 
 

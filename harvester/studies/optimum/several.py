@@ -23,6 +23,7 @@ from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
+from harvester.statistics.passivity import store_notes
 from harvester.statistics.units import unit_of
 from harvester.studies.answers import check_quantity, first_answer, is_noisy
 from harvester.studies.optimum.axis import Axis
@@ -96,6 +97,7 @@ def over_several(
         method=method.name,
         parameters=ranges(objective.axes, location, sides),
         value=answer.in_units()[quantity],
+        notes=store_notes(answer.quantities),
         own=scene_answer.in_units()[quantity],
         searched=[
             (objective.values_at(coordinates), Estimate(value, None, None, dimension))

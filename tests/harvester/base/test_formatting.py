@@ -32,8 +32,11 @@ def estimate(value, error):
         (204100.0, 950.0, "Ω", "204.10 ± 0.95 kΩ"),
         (1500.0, 30.0, "s", "1500 ± 30 s"),
         (2.7e-7, 1e-9, "scaled power", "(2.700 ± 0.010)e-7 scaled power"),
-        (1.0, 0.0, "V", "1.00000 ± 0 V"),
-        (0.0, 0.0, "W", "0 ± 0 W"),
+        (1.0, 0.0, "V", "1 V"),
+        (0.0, 0.0, "W", "0 W"),
+        (32.4e-6, 0.0, "W", "32.4 µW"),
+        (1e-14, 6e-7, "W", "0 ± 600 nW"),
+        (7e-16, 3e-3, "", "0.0000 ± 0.0030"),
         (4.0, None, "1/s", "4 1/s (no error bar)"),
         (math.nan, None, "W", "— W"),
     ],
@@ -63,6 +66,8 @@ def test_written_digits_hold_value_and_error_for_any_sizes():
 def test_shares_and_counts_are_short():
     assert share_with_error(estimate(-0.003, 0.65)) == "0 ± 65 %"
     assert share_with_error(estimate(0.0015, 0.0002)) == "+0.150 ± 0.020 %"
+    assert share_with_error(estimate(7e-16, 0.3)) == "0 ± 30 %"
+    assert share_with_error(estimate(7e-16, 0.003)) == "0.00 ± 0.30 %"
     assert count(0.3) == "below 1"
     assert count(9137607) == "9,100,000"
     assert (count(96.4), count(None)) == ("96", "")

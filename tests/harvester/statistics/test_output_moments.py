@@ -1,12 +1,21 @@
 import numpy as np
 import pytest
 
-from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE
+from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE, SUPPLY
+from circuits.netlist.measures import Measure
 from harvester.device.record import Record
-from harvester.statistics.estimate import UNRESOLVED
+from harvester.scene.model import Scene
+from harvester.statistics.estimate import (
+    NOT_STARTED,
+    ROUNDED_OFF,
+    STARTS_CHARGED,
+    UNRESOLVED,
+    Estimate,
+)
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_moments import OutputMoments
-from harvester.statistics.output_side import estimate_output
+from harvester.statistics.output_side import estimate_output, step_sizes
+from harvester.statistics.run_estimates import with_steps
 
 # A piecewise linear passage over levels 2.2 % apart, of t = −ln(1 − v) at v = 0.9: h²/8 · 1/(1−v)².
 PASSAGE = 5e-3
@@ -68,11 +77,71 @@ def test_a_ripple_on_a_steady_voltage_is_no_rounding(ripple, resolved):
     """In the squares of 1.8 V rounding is 1e-8 V: more than the whole range of the smaller one."""
     course = lambda time: 1.8 + np.sqrt(2.0) * ripple * np.sin(20.0 * time)  # noqa: E731
     found = estimate_output([charging(77, 4.0, course)])
-    assert found["output_ripple"].estimate == pytest.approx(ripple, rel=0.01)
-    assert found["output_peak_to_peak"].estimate == pytest.approx(np.sqrt(8.0) * ripple, rel=0.01)
+    shown = ripple if resolved else 0.0
+    assert found["output_ripple"].estimate == pytest.approx(shown, rel=0.01)
+    assert found["output_peak_to_peak"].estimate == pytest.approx(np.sqrt(8.0) * shown, rel=0.01)
     for name in ("output_ripple", "output_peak_to_peak"):
         assert (found[name].note == UNRESOLVED) is not resolved
     assert found["output_voltage"].effective_sample_size is None or resolved
+
+
+def test_an_output_that_a_source_feeds_harvests_nothing_and_not_its_rounding():
+    """Output and supply are of 1 W, their difference is 3e-9 W: 0, and no rate for an hour."""
+    moments = charging(77, 4.0, lambda time: np.sqrt(2.0) * np.ones_like(time))
+    moments.output.rows = ((SUPPLY, "bout"), *moments.output.rows)
+    fed = np.zeros_like(moments.output.measured)
+    fed[:, 0, 0] = -moments.output.integrals[:, 0] * (1.0 + 3e-9)
+    moments.output.measured = np.concatenate([fed, moments.output.measured], axis=1)
+    found = estimate_output([moments])
+    assert found["supplied_by_bout"].estimate == pytest.approx(1.0)
+    for name in ("mean_output_power", "mean_storage_power", "converter_efficiency"):
+        assert found[name].estimate == 0.0, name
+        assert found[name].note == ROUNDED_OFF, name
+    assert found["stored_energy_per_hour"].estimate == 0.0
+    assert found["mean_converter_loss"].estimate == pytest.approx(1.0)
+
+
+def test_the_error_of_steps_of_a_difference_is_that_of_its_terms():
+    """A loss of 0.4 of 1 W given, 0.5 W used and 0.1 W stored; with a bar of 0 of its own."""
+    found = {
+        f"mean_{name}": Estimate(value, 0.0, None, "power")
+        for name, value in (
+            ("power", 1.0), ("input_power", 2.0), ("output_power", 0.5), ("storage_power", 0.1),
+            ("converter_loss", 0.4),
+        )
+    }  # fmt: skip
+    loss = [
+        Measure(LOSS, name, "", "", "", ((op, 1, 2), None))
+        for name, op in (("bridge", "-"), ("wire", "*"))
+    ]
+    sizes = step_sizes(found, loss)
+    terms = np.hypot(1.0, np.hypot(0.5, 0.1))
+    assert sizes["mean_converter_loss"] == pytest.approx(terms)
+    assert (sizes["bridge_loss"], "wire_loss" in sizes) == (1.0, False)
+    assert sizes["end_to_end_efficiency"] == pytest.approx(np.hypot(0.5, 0.1) / 2.0)
+    found["supplied_by_b1"] = Estimate(3.0, 0.0, None, "power")
+    assert step_sizes(found)["mean_output_power"] == pytest.approx(np.hypot(0.5, 3.0))
+    scene = Scene.read("device", ['excitation={kind="sine", amplitude=6.0, frequency=8.0}'])
+    whole = with_steps(scene, found["mean_converter_loss"], 0.01, size=terms)
+    assert whole.standard_error == pytest.approx(0.01 * terms)
+
+
+def test_an_hour_is_extrapolated_from_even_charging_alone():
+    even = estimate_output([charging(77, course=lambda time: np.sqrt(1.0 + 0.1 * time))])
+    stored = even["stored_energy_per_hour"]
+    assert stored.estimate == pytest.approx(3600.0 * 1.5 * 0.1, rel=1e-3)
+    uneven = estimate_output([charging(77)])["stored_energy_per_hour"]
+    assert np.isnan(uneven.estimate)
+    assert "changes by 100% between the halves of the measured 16 s" in uneven.note
+
+
+def test_an_output_that_starts_charged_has_no_start_up_time():
+    found = estimate_output([charging(77, course=lambda time: 2.0 + 0.1 * np.sin(time))])
+    assert found["start_up_time"].estimate == 0.0
+    assert found["start_up_time"].note == STARTS_CHARGED
+    never = estimate_output([charging(77, course=lambda time: 0.0 * time)])["start_up_time"]
+    assert np.isnan(never.estimate)
+    assert never.note == NOT_STARTED
 
 
 def test_error_bars_follow_the_batches():

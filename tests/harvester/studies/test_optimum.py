@@ -188,7 +188,7 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
     assert 0.91 * 300 < covered < 300
 
 
-def searched(function, own_noise, monkeypatch):
+def searched(function, own_noise, monkeypatch, error=None):
     """A Search over 0 … 1 of a function, under noise that all places have in common and their own.
 
     What is their own is a hundredth of the common part, as on a path that a parameter hardly
@@ -205,7 +205,7 @@ def searched(function, own_noise, monkeypatch):
             self.series = batches - batches.mean()
 
         def in_units(self):
-            return {"mean_power": Estimate(self.value, None, None, "power")}
+            return {"mean_power": Estimate(self.value, error, None, "power")}
 
     search = Search(
         LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", MonteCarlo(), None, lambda: None
@@ -228,6 +228,17 @@ def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
         search.find(start)
     (ends,) = re.findall(r"flat from ([\d.]+) to ([\d.]+) ", str(caught.value))
     assert all(side * (float(end) - 0.5) > 0.0 for end in ends)
+    assert "any value of this plateau is as good" in str(caught.value)
+
+
+def test_where_nothing_is_harvested_there_is_nothing_to_optimise(monkeypatch):
+    """A load that never conducts: 0 ± 0.1 everywhere."""
+    search = searched(lambda coordinate: 0.0, 0.05, monkeypatch, 0.1)
+    with pytest.raises(OptimumError, match="is 0 within its errors at all 7 places: there is noth"):
+        search.find(0.5)
+    search = searched(lambda coordinate: 9.0, 0.05, monkeypatch, 0.1)
+    with pytest.raises(OptimumError, match=r"same within its errors from 0\.25 to 0\.75"):
+        search.find(0.5)
 
 
 @pytest.mark.parametrize("top", [0.35, 0.5])

@@ -135,6 +135,18 @@ def test_runs_without_errors_tell_no_flat_region():
     json.dumps(found.to_dict(), allow_nan=False)
 
 
+@pytest.mark.parametrize(
+    ("level", "said", "unsaid"),
+    [(0.0, "is 0 within its error where it is largest", "flat"), (9.0, "whole range", "widen")],
+)
+def test_a_flat_quantity_and_one_of_nothing_say_so(level, said, unsaid):
+    runner = ToyRunner(lambda scene: level, 1e-3)
+    found = optimum(PAPER, OVER, maximise="output_ripple", evaluations=16, runner=runner)
+    lines = [line for line in found.sentences() if said in line]
+    assert lines
+    assert not any(unsaid in line or "run.duration" in line for line in lines)
+
+
 def test_places_where_no_run_ends_are_gone_around():
     class Failing(ToyRunner):
         def _answer(self, request):

@@ -375,12 +375,15 @@ def test_its_files_hold_what_it_found(study, tmp_path):
 
 
 def test_a_cross_check_that_failed_or_is_not_sharp_is_not_checked(study):
-    """0 ± 75 % and an aborted circuit show nothing."""
-    proofs = [Proof(4, True, 0.0, 0.75), Proof(2, False, trouble="the circuit stopped")]
+    """7e-16 ± 300, 0 ± 75 % and an aborted circuit show nothing, and print no difference."""
+    proofs = [
+        Proof(4, True, 0.0, 0.75, early_difference=7e-16, early_standard_error=300.0),
+        Proof(2, False, trouble="the circuit stopped"),
+    ]
     assert not any(proof.checks or proof.disagrees for proof in proofs)
     head, *lines = replace(study, proofs=proofs)._proofs()
     assert head.endswith("not checked at 2")
-    assert lines[0].endswith("0 ± 75 % (0.0 σ) settled; not checked (known no better than ± 10%)")
+    assert lines[0].endswith("0.5 (optimum): not checked (known no better than ± 10%)")
     assert lines[1].endswith("not checked (the circuit stopped)")
 
 
@@ -411,7 +414,18 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     optimum, place = found.optima[0]
     assert place == optimum.best == 0
     _, (row,) = found.table()
-    assert "at 40 not ranked: its stores discharge into the output" in row[-1]
+    assert "at 40 not ranked: its stores, not the device, deliver " in row[-1]
+    # Hollow in every figure is the point that is not ranked, error bar or not.
+    for figure in found.figures()[:2]:
+        (axes,) = figure.axes
+        white = [line for line in axes.lines if line.get_markerfacecolor() in ("w", "white")]
+        assert [list(line.get_xdata()) for line in white] == [[40.0], []]
+        assert white[-1].get_label().startswith("hollow: not ranked")
+    # Emptied within a part of the run: the scatter of batches hides no discharge.
+    stored = fed.estimates["mean_storage_power"]
+    wide = replace(stored, standard_error=3.0 * abs(stored.estimate))
+    assert replace(fed, estimates={**fed.estimates, "mean_storage_power": wide}).unranked
+    assert any("the load discharges: its stores" in line for line in found.sentences())
 
 
 @pytest.mark.slow
