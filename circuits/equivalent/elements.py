@@ -305,7 +305,7 @@ def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool)
     first = _add_ammeter(circuit, network) if measured else network.terminal
     nodes = {"p": first, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
     values = {name: number(value) for name, value in load.parameters if named}
-    for pin in ("out", "ref") if load.has_output else ():
+    for pin in load.stray_pins:
         stray = number(STRAY_SHARE * network.reference_capacitance)
         circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))
     circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)

@@ -42,7 +42,7 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
         One of them is not taken, and the `whole` load is asked for.
     """
     pins = circuit_elements.load_pins(network)
-    for pin in ("out", "ref") if load.has_output else ():
+    for pin in load.stray_pins:
         stray = circuit_elements.STRAY_SHARE * network.reference_capacitance
         b.capacitor(b.node(pins[pin]), -1, stray, 0.0)
     first: list[Element] = []

@@ -15,6 +15,7 @@ from circuits.netlist.self_oscillation import SelfOscillation, cancelled, self_o
 from circuits.netlist.stores import Store, levels_of, stores_of
 from circuits.netlist.supplies import coupled, supplies_of
 from circuits.netlist.writer import reads_alike, run_text
+from harvester.device.terminals import GROUND
 
 # Pins of a load's sub-circuit: the piezo's terminals, and the DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
@@ -146,6 +147,22 @@ class LoadCircuit:
     def has_output(self) -> bool:
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
+
+    @cached_property
+    def stray_pins(self) -> tuple[str, ...]:
+        """Pins of its DC side that a stray capacitance to ground holds while all diodes block.
+
+        `out` is none where resistors, capacitors, coils or sources connect it to another pin: the
+        trapezoidal rule would let its voltage ring on after a switch has opened.
+        """
+        if not self.has_output:
+            return ()
+        wires = [{*part.nodes} for part in self.elements if part.letter in "rclv"]
+        connected, size = {"out"}, 0
+        while len(connected) != size:
+            size = len(connected)
+            connected = connected.union(*(ends for ends in wires if ends & connected))
+        return ("ref",) if connected & {"ref", "p", "n", GROUND} else ("out", "ref")
 
     @cached_property
     def coupled(self) -> frozenset[str]:

@@ -316,6 +316,6 @@ def load_of(block: Block, dialect: str = "ngspice") -> str:
     nodes = {"p": "p", "n": "0", "out": "out", "ref": "ref"}
     values = " ".join(f"{name}={value!r}" for name, value in load.parameters * load.is_plain)
     stray = STRAY_SHARE * block.ready.network.reference_capacitance
-    strays = [f"Cstray_{pin} {pin} 0 {stray!r}\n" for pin in ("out", "ref") if load.has_output]
+    strays = [f"Cstray_{pin} {pin} 0 {stray!r}\n" for pin in load.stray_pins]
     call = f"Xload {' '.join(nodes[pin] for pin in load.pins)} {load.name} {values}".rstrip()
     return "".join(strays) + f"{call}\n{load.text if load.is_plain else load.run_text}"

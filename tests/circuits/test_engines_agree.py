@@ -46,3 +46,41 @@ def test_the_means_of_circuit_and_monte_carlo_agree(pool, name):
         joint_error = math.hypot(difference.standard_error, STEP_ERROR)
         assert joint_error < 0.005, quantity
         assert abs(difference.estimate) < 3.0 * joint_error, quantity
+
+
+LOCKOUT = """* rectifier, rail, under-voltage lockout, and no capacitor at the output
+.subckt lockout p n out ref
+.model dd d(is=2.52n n=1.752 rs=0.568 cjo=4p tt=20n)
+D1 p rail dd
+D2 ref p dd
+D3 n rail dd
+D4 ref n dd
+Crail rail ref 0.42u
+B1 rail reg V=max(v(rail,ref)-1.8,0)
+S1 reg out rail ref uv
+.model uv sw vt=4 vh=1 ron=10 roff=100meg
+Rload out ref 3k
+.ends
+"""
+
+
+@pytest.mark.slow
+def test_an_output_without_a_capacitor_does_not_ring_behind_an_open_switch(pool, tmp_path):
+    """On a stray capacitance of its own it did: twice the peak, and 20 % more power."""
+    path = tmp_path / "lockout.lib"
+    path.write_text(LOCKOUT)
+    tables = {
+        "units": "SI",
+        "oscillator": {"mass": 0.0421, "damping": 0.372, "restoring_force": [0.0, 647.0]},
+        "piezo": {"coupling": 7.47e-4, "capacitance": 2.85e-8},
+        "load": {"netlist": str(path)},
+        "excitation": {"kind": "sine", "amplitude": 1.0, "frequency": 19.7},
+        "run": {"settle": 0.0, "duration": 1.0},
+    }
+    scene = Scene.from_tables(tables, name="lockout")
+    found = simulate(scene, method="circuit", runner=pool)
+    # While the switch is closed the output has 1.8 V, less what the switch takes; else it has 0.
+    closed = 1.8 * 3000.0 / 3010.0
+    assert found["output_peak_to_peak"].estimate == pytest.approx(closed, rel=1e-3)
+    power = found["output_voltage"].estimate * closed / 3000.0
+    assert found["mean_output_power"].estimate == pytest.approx(power, rel=1e-3)
