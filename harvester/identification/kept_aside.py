@@ -27,6 +27,7 @@ from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
 from harvester.identification.visited import band
+from harvester.statistics.agreement import differ
 from harvester.statistics.attractors import repeats_in_noise
 from harvester.statistics.estimate import Estimate
 
@@ -433,7 +434,8 @@ def _with_error(estimate, drawn, model_error):
 def _within(measured, expected):
     """Whether a measured value lies within its prediction's 95 % interval."""
     error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
-    return abs(measured.estimate - expected.estimate) <= HALF_INTERVAL * error
+    difference = measured.estimate - expected.estimate
+    return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
 
 
 def _unit(measurement):

@@ -24,9 +24,6 @@ STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, STARTS_CHARGED, NOT_STARTED)
-# A difference of two engines whose standard error is a larger share does not check either of them.
-SHARP_SHARE = 0.1
-NOT_SHARP = f"known no better than ± {SHARP_SHARE:.0%}"
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 

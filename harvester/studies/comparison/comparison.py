@@ -17,7 +17,14 @@ from harvester.results.result import Result, with_roots
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
-from harvester.statistics.estimate import NOT_SHARP, SHARP_SHARE, Estimate
+from harvester.statistics.agreement import (
+    NEGLIGIBLE_SHARE,
+    NOT_SHARP,
+    SHARP_SHARE,
+    differ,
+    is_sharp,
+)
+from harvester.statistics.estimate import Estimate
 
 COMPARED = (
     "mean_square_voltage",
@@ -33,17 +40,12 @@ BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
 # Further quantities of a load with an output.
 AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
 BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
-# The engines agree within 3 joint standard errors. A larger difference below 1 % of the quantity is
-# small all the same: the default steps may cost as much, see docs/accuracy.md.
-AGREEING_STANDARD_ERRORS, AGREEING_SHARE = 3.0, 0.01
 # If neither result has an error, a relative difference below this is rounding.
 SAME = 1e-9
 # Beginning and end of each engine's part in the progress bar. Monte Carlo takes little of the work.
 SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
 # Closures are compared by this quantity.
 JUDGED_BY = "mean_square_voltage"
-# A closure counts as off if it deviates by more than this share. Every closure is an approximation.
-NEGLIGIBLE_SHARE = 0.01
 # Known limits of each closure, from its documentation (harvester.averaging.closures.average).
 LIMITS = {
     "paper": "it leaves the constant force of the piezo out of the potential (Eqs. 11–15)",
@@ -112,9 +114,7 @@ class Comparison(ResultBase):
     def significant(self) -> dict[str, float]:
         """Shares by which quantities differ more than their errors explain, the greatest first."""
         apart = {
-            name: self.share(name)
-            for name in self.compared
-            if abs(self.difference(name)) > AGREEING_STANDARD_ERRORS
+            name: self.share(name) for name in self.compared if differ(self.difference(name), 1.0)
         }
         return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
 
@@ -127,15 +127,15 @@ class Comparison(ResultBase):
             for name, bias in self.paired.items()
             if name in self.compared
             and bias.standard_error
-            and abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
+            and differ(bias.estimate, bias.standard_error)
         }
         return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
 
     @property
     def agree(self) -> bool:
-        """Whether every quantity differs insignificantly or by less than `AGREEING_SHARE`."""
+        """Whether every quantity differs insignificantly or by less than `NEGLIGIBLE_SHARE`."""
         shares = [*self.significant.values(), *(p.estimate for p in self.paired_apart.values())]
-        return all(_or_infinite(share) <= AGREEING_SHARE for share in shares)
+        return all(_or_infinite(share) <= NEGLIGIBLE_SHARE for share in shares)
 
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors.
@@ -261,7 +261,7 @@ class Comparison(ResultBase):
                 None,
             )
         if self.significant or self.paired_apart:
-            within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
+            within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%}"
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without chance may have a difference of 0.
@@ -273,7 +273,7 @@ class Comparison(ResultBase):
         """Whether the engines' difference, paired or not, is known to `SHARP_SHARE` or better."""
         paired = self.paired.get(name)
         if paired and paired.standard_error is not None:
-            return paired.standard_error <= SHARP_SHARE
+            return is_sharp(paired.standard_error)
         circuit, reference = (result.scaled_quantities[name] for result in self._engines())
         errors = circuit.standard_error or 0.0, reference.standard_error or 0.0
         return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
@@ -407,7 +407,7 @@ def _closure(comparison, name):
 
 
 def _off(share, sigma):
-    return abs(sigma) > AGREEING_STANDARD_ERRORS and abs(share) >= NEGLIGIBLE_SHARE
+    return differ(sigma, 1.0) and abs(share) >= NEGLIGIBLE_SHARE
 
 
 def _farthest(comparison, name):

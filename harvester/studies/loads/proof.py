@@ -21,8 +21,14 @@ from harvester.engines.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
+from harvester.statistics.agreement import (
+    NEGLIGIBLE_SHARE,
+    SIGNIFICANT_SIGMAS,
+    differ,
+    is_sharp,
+)
 from harvester.statistics.batch_means import ratio_of_sums, standard_error
-from harvester.statistics.estimate import SHARP_SHARE, why_no_error
+from harvester.statistics.estimate import why_no_error
 from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
@@ -33,8 +39,6 @@ PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
 # The early power is compared if it is at least this share of the settled one. Before a store is
 # charged only leakage reaches the output.
 LEAST_EARLY_SHARE = 1e-3
-# A difference counts from so many of its standard errors and from this share on.
-SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -71,20 +75,16 @@ class Proof:
     def checks(self) -> bool:
         """Whether nothing failed and a difference is known to `SHARP_SHARE` or better."""
         errors = (self.standard_error, self.early_standard_error)
-        return not self.trouble and any(error <= SHARP_SHARE for error in errors)
+        return not self.trouble and any(map(is_sharp, errors))
 
     @property
     def disagrees(self) -> bool:
-        """Whether one of the differences exceeds its error and `SIGNIFICANT_SHARE`."""
-        return is_significant(self.difference, self.standard_error) or is_significant(
-            self.early_difference, self.early_standard_error
+        """Whether one of the differences exceeds its error and is not negligible."""
+        pairs = (
+            (self.difference, self.standard_error),
+            (self.early_difference, self.early_standard_error),
         )
-
-
-def is_significant(difference: float, standard_error: float) -> bool:
-    """Whether a difference exceeds its error and `SIGNIFICANT_SHARE`; False without an error."""
-    beyond = abs(difference) > SIGNIFICANT_SIGMAS * standard_error
-    return bool(beyond and abs(difference) > SIGNIFICANT_SHARE)
+        return any(differ(*pair, negligible=NEGLIGIBLE_SHARE) for pair in pairs)
 
 
 def places_to_prove(

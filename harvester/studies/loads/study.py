@@ -32,7 +32,8 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_words
 from harvester.scene.units import require_resistor
-from harvester.statistics.estimate import NOT_SHARP, SHARP_SHARE, Estimate
+from harvester.statistics.agreement import NEGLIGIBLE_SHARE, NOT_SHARP, differ, is_sharp
+from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
@@ -40,7 +41,7 @@ from harvester.studies.loads import drawing
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.drawing import EFFICIENCIES
 from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
-from harvester.studies.loads.proof import Proof, is_significant, places_to_prove, proving
+from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.sweep import (
     Sweep,
     columns,
@@ -323,7 +324,7 @@ class LoadStudy(ResultBase):
             f"{share_with_error(Estimate(difference, error, None, '1'))} "
             f"({abs(difference) / error if error else 0.0:.1f} σ) {part}"
             for part, (difference, error) in parts.items()
-            if error <= SHARP_SHARE or is_significant(difference, error)
+            if is_sharp(error) or differ(difference, error, negligible=NEGLIGIBLE_SHARE)
         ]
         words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):

@@ -31,6 +31,7 @@ from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
+from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.passivity import store_notes
 from harvester.statistics.run_estimates import error_of
@@ -51,8 +52,6 @@ MOVES = 16
 # round has so many times the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
-# A curvature, a slope or a fall is significant from this many standard errors on.
-SIGNIFICANT_SIGMAS = 3.0
 # A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
 # this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05

@@ -38,7 +38,7 @@ def test_no_result_prints_draws_or_writes_itself():
         f"{kind.__name__}.{name}" for kind in classes for name in DERIVED if name in vars(kind)
     }
     assert not overridden
-    for kind in classes:
+    for kind in (kind for kind in classes if not kind.__name__.startswith("_")):
         assert hasattr(kind, "scene") or "scene" in kind.__dataclass_fields__, kind
         assert not inspect.isabstract(kind), kind
 
