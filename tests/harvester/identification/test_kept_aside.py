@@ -72,7 +72,7 @@ def test_values_that_the_fitted_records_refute_are_not_likely(linear):
 
 def test_only_a_record_kept_aside_has_values_of_its_own(tmp_path):
     truth, one = linear_device(0.03), linear_record(0.03, 1, 4.0, samples=400)
-    with pytest.raises(IdentificationError, match=r"only a record kept aside \(--keep-aside\)"):
+    with pytest.raises(IdentificationError, match=r"only a record kept aside \(keep_aside\)"):
         identify(truth, linear_record(0.03, 1, 4.0, samples=400, own=(ORIGIN,)))
     wrong = linear_record(0.03, 1, 4.0, samples=400, own=("oscillator.dampin",))
     with pytest.raises(IdentificationError, match=r"did you mean oscillator\.damping"):
