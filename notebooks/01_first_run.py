@@ -20,7 +20,6 @@
 # Carlo reference on the same noise, and stochastic averaging.
 
 # %%
-# %matplotlib inline
 import matplotlib.pyplot as plt
 
 import harvester

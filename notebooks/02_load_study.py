@@ -19,7 +19,6 @@
 # a file, as a netlist of yours would, and no line of Python knows it.
 
 # %%
-# %matplotlib inline
 import math
 import tempfile
 from pathlib import Path

@@ -20,7 +20,6 @@
 # on the same noise: what the noise does to both cancels in the difference.
 
 # %%
-# %matplotlib inline
 import matplotlib.pyplot as plt
 
 import harvester

@@ -20,7 +20,6 @@
 # `harvester/validation/paper.toml`.
 
 # %%
-# %matplotlib inline
 from dataclasses import replace
 
 import matplotlib.pyplot as plt

@@ -20,7 +20,6 @@
 # and says how far the model predicts. Then the best load is a matter of simulation.
 
 # %%
-# %matplotlib inline
 import tempfile
 from pathlib import Path
 

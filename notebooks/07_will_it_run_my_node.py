@@ -21,7 +21,6 @@
 # vibration to the radio's bursts.
 
 # %%
-# %matplotlib inline
 import tempfile
 from pathlib import Path
 

@@ -20,7 +20,6 @@
 # vibration, and is laid over this program's own circuit. What is not installed is left out.
 
 # %%
-# %matplotlib inline
 import subprocess
 import tempfile
 from pathlib import Path
