@@ -67,7 +67,7 @@ scene = harvester.Scene.read("device").replace({"run.settle": 2.0})
 study = harvester.load_study(
     scene,
     loads=["resistor", str(path)],
-    sweeps={"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
+    over={"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
     precision=0.05,
 )
 for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):

@@ -32,7 +32,7 @@ def loads(**options):
     found = []
     for engine, precision in (("judged", 0.05), ("circuit", 0.2)):
         options["method"], options["precision"] = engine, precision
-        study = load_study(scene, loads=["resistor"], sweeps=sweeps, time_budget=600.0, **options)
+        study = load_study(scene, loads=["resistor"], over=sweeps, time_budget=600.0, **options)
         found += [(e.outcome, e.realizations, e.power, e.power_error) for e in study.evaluations]
         assert study.table()
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError
@@ -61,6 +61,20 @@ def check_name(what: str, name: str, known: Collection[str]) -> str:
             f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
         )
     return name
+
+
+def key_and_values(
+    over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
+) -> tuple[str, Sequence[float]]:
+    """The key of a grid along one key, and its values; raises HarvesterError."""
+    if isinstance(over, Mapping) and len(over) == 1 and values is None:
+        return next(iter(over.items()))
+    if isinstance(over, str) and values is not None:
+        return over, values
+    raise HarvesterError(
+        f"--over {shown(over)}: give one key with its values, over={{'table.key': [0.1, 0.2]}}; "
+        "at the command line --over TABLE.KEY --values LIST"
+    )
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, Any]:

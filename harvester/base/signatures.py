@@ -228,6 +228,7 @@ Grids = Annotated[
         again=True,
     ),
 ]
+OneKey = Annotated[Mapping[str, Sequence[float]] | str, Kind("TABLE.KEY")]
 Over = Annotated[
     Mapping[str, Sequence[float | str]], Kind("TABLE.KEY=LIST", read=over_of, again=True)
 ]

@@ -25,7 +25,7 @@ WHOLE = ("run.seed", "run.realizations")
 # A realization settles for at least so many time constants of the load's output.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
-SWEEPS_WRITTEN = '{}={{"load.resistance": [1e4, 1e5]}}'
+GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def make_grid(
     scene: Scene,
     loads: Sequence[str],
     sweeps: Mapping[str, Sequence[Any]],
-    argument: str = "sweeps",
+    any_key: bool = False,
 ) -> Grid:
     """Every point of a study, its scene checked.
 
@@ -92,9 +92,8 @@ def make_grid(
     loads
         Names in netlists/ or paths; empty: the scene's own.
     sweeps : "table.key" to values.
-    argument : str
-        Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load
-        and its excitation, or "over", of any key.
+    any_key : bool
+        Whether words and all keys are allowed, not numbers of device, load and excitation alone.
 
     Raises
     ------
@@ -103,8 +102,8 @@ def make_grid(
     """
     loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
     sweeps = {
-        key: listed(levels, f"{argument}[{key!r}]", "[0.1, 0.2]")
-        for key, levels in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
+        key: listed(levels, f"over[{key!r}]", "[0.1, 0.2]")
+        for key, levels in table(sweeps, "over", GRID_WRITTEN).items()
     }
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
@@ -112,7 +111,7 @@ def make_grid(
             raise HarvesterError(f"--load {label}: is there twice")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
-        _check_sweep(scene, key, values, argument == "over")
+        _check_sweep(scene, key, values, any_key)
     points = [
         GridPoint(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
         for label in labels

@@ -341,7 +341,7 @@ def sweep(
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
-    grid = make_grid(scene, (), over, "over")
+    grid = make_grid(scene, (), over, any_key=True)
     requests = [
         Request(point.scene, method, precision=precision, quantities=quantities)
         for point in grid.points
@@ -372,7 +372,7 @@ def load_study(
     scene: Scene,
     *,
     loads: Loads = (),
-    sweeps: Grids | None = None,
+    over: Grids | None = None,
     method: MethodOrName = JUDGED,
     precision: Share | None = None,
     step: Step = "default",
@@ -388,7 +388,7 @@ def load_study(
         and there are as many as it takes, at most `MOST_REALIZATIONS`.
     loads : sequence of str
         A load of netlists/ or a file; several may be given (default: the scene's own).
-    sweeps : dict of str to sequence of float
+    over : dict of str to sequence of float
         FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas; several
         make a grid.
     method : str or Method
@@ -428,7 +428,7 @@ def load_study(
         scene = scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
-    grid = make_grid(scene, loads, sweeps or {})
+    grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
         # Asked here already, so that a machine without ngspice says so before any work.

@@ -337,7 +337,7 @@ def _bifurcation(case, scene, pool):
     sine = case.tables["excitation"]
     values = np.linspace(0.3, 1.5, 7) * sine["amplitude"]
     found = harvester.bifurcation(
-        scene, over="excitation.amplitude", values=values.tolist(), executor=pool
+        scene, over={"excitation.amplitude": values.tolist()}, executor=pool
     )
     truths = [[] for _ in values]
     for order in (range(values.size), reversed(range(values.size))):
@@ -418,7 +418,7 @@ def _load_study(case, scene, pool):
     key = "load.resistance" if "resistance" in load else "load.parameters.resistance"
     value = load.get("resistance") or load["parameters"]["resistance"]
     values = [share * value for share in SWEPT]
-    found = harvester.load_study(scene, sweeps={key: values}, method="monte-carlo", executor=pool)
+    found = harvester.load_study(scene, over={key: values}, method="monte-carlo", executor=pool)
     checks = []
     for value, each in zip(values, found.evaluations, strict=True):
         what = f"at {value:.4g}:"

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.base.arguments import listed
+from harvester.base.arguments import key_and_values, listed
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import (
     Count,
     Grid,
     Kind,
     MethodOrName,
+    OneKey,
     RunnerOptions,
     Share,
     Step,
@@ -110,8 +111,8 @@ def basins(
 def bifurcation(
     scene: Scene,
     *,
-    over: str,
-    values: Grid,
+    over: OneKey,
+    values: Grid | None = None,
     down: Annotated[bool, Kind(option="up-only")] = True,
     periods: Count | None = None,
     method: MethodOrName = "monte-carlo",
@@ -124,10 +125,11 @@ def bifurcation(
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
-    over : str
-        The key, TABLE.KEY, such as excitation.amplitude.
-    values : sequence of float
-        FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas.
+    over : dict of str to sequence of float, or str
+        The key, such as excitation.amplitude, with its values; or the key alone, with `values`.
+    values : sequence of float or None
+        Values of the key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
+        between commas.
     down : bool
         The way down is taken as well, and shows where there are several motions; `--up-only`
         leaves it out.
@@ -161,19 +163,20 @@ def bifurcation(
     engine = engine_of(method, step=step)
     engine.check(scene)
     check_periods(periods, 1)
+    key, values = key_and_values(over, values)
     try:
         rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
     except (TypeError, ValueError):
         rising = np.zeros(0)
     if rising.size < 2:
         raise HarvesterError("--values: must be two different numbers or more")
-    scenes = work.scenes_over(scene, over, rising)
+    scenes = work.scenes_over(scene, key, rising)
     settling = periods or max(periods_of(scene_at_value) for scene_at_value in scenes)
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         (outcome,) = runner.follow(
-            [work.climbing(scene, over, rising, engine, version, periods, directions)]
+            [work.climbing(scene, key, rising, engine, version, periods, directions)]
         )
     if isinstance(outcome, HarvesterError):
         raise outcome
@@ -182,7 +185,7 @@ def bifurcation(
     branches, failures = outcome
     return work.Bifurcation(
         scene=scene,
-        key=over,
+        key=key,
         values=rising,
         branches=branches,
         jumps=[jump for branch in branches for jump in work.jumps_of(rising, branch)],
@@ -198,7 +201,7 @@ def bifurcation(
 def residence(
     scene: Scene,
     *,
-    over: str | None = None,
+    over: OneKey | None = None,
     values: Grid | None = None,
     precision: Share | None = None,
     method: MethodOrName = "monte-carlo",
@@ -211,9 +214,9 @@ def residence(
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; with several wells and noise.
-    over : str or None
-        A key, TABLE.KEY, such as excitation.intensity.
-    values : sequence of float
+    over : dict of str to sequence of float, str or None
+        A key, such as excitation.intensity, with its values; or the key alone, with `values`.
+    values : sequence of float or None
         Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
         between commas.
     precision : float or None
@@ -237,12 +240,12 @@ def residence(
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
     engine.check(scene)
-    if (over is None) != (values is None):
-        raise HarvesterError("--over and --values: give both or neither")
+    key: str | None = None
     places: list[Any] = [None]
-    if values is not None:
+    if over is not None or values is not None:
+        key, values = key_and_values(over or "", values)
         places = [float(number) for number in listed(values, "values", "[0.1, 0.2]")]
-    scenes = [scene if over is None else scene.replace({over: number}) for number in places]
+    scenes = [scene if key is None else scene.replace({key: number}) for number in places]
     for scene_at_value in scenes:
         work.require_wells(scene_at_value)
     with open_runner(**running) as runner:
@@ -255,7 +258,7 @@ def residence(
         )
     return work.Residence(
         scene=scene,
-        key=over,
+        key=key,
         stays=[stay for stays, _ in outcomes for stay in stays],
         method=engine.name,
         engine_version=next((text for _, text in outcomes if text), ""),

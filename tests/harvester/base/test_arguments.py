@@ -27,12 +27,12 @@ def test_swept_values_come_in_any_form(values):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"sweeps": f"{KEY}=0.1"}, "sweeps = .*must be a dictionary; write sweeps="),
-        ({"sweeps": (each for each in [KEY])}, "sweeps = .*must be a dictionary"),
-        ({"sweeps": {KEY: "0.1"}}, r"sweeps\['load.decay_rate'\] = '0.1': must be a list"),
-        ({"sweeps": {KEY: ["0.1"]}}, "sweeps load.decay_rate: '0.1': must be a number"),
-        ({"sweeps": {KEY: [float("nan")]}}, "nan: must be a number"),
-        ({"sweeps": {"load.resistance": [0.0]}}, "sweeps load.resistance: 0: must be"),
+        ({"over": f"{KEY}=0.1"}, "over = .*must be a dictionary; write over="),
+        ({"over": (each for each in [KEY])}, "over = .*must be a dictionary"),
+        ({"over": {KEY: "0.1"}}, r"over\['load.decay_rate'\] = '0.1': must be a list"),
+        ({"over": {KEY: ["0.1"]}}, "over load.decay_rate: '0.1': must be a number"),
+        ({"over": {KEY: [float("nan")]}}, "nan: must be a number"),
+        ({"over": {"load.resistance": [0.0]}}, "over load.resistance: 0: must be"),
         ({"loads": "bridge"}, "loads = 'bridge': must be a list"),
         ({"workers": 1.5}, r"workers 1\.5: must be a whole number"),
         ({"workers": -1}, "workers -1"),

@@ -22,7 +22,7 @@ def test_a_page_begins_with_the_result(pool):
             scene, method="monte-carlo", runner=pool
         ),
         "most power: .* at decay rate of the load": harvester.load_study(
-            scene, sweeps=GRID, method="consistent", executor=pool
+            scene, over=GRID, method="consistent", executor=pool
         ),
         "highest mean power": harvester.sweep(scene, GRID, methods=["consistent"], executor=pool),
         "most power: 12.* mW at 47 Hz": harvester.frequency_response(

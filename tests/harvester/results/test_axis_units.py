@@ -92,7 +92,7 @@ def test_a_load_study():
     study = harvester.load_study(
         CANTILEVER,
         loads=["resistor"],
-        sweeps={"load.parameters.resistance": [5e4, 2e5]},
+        over={"load.parameters.resistance": [5e4, 2e5]},
         method="monte-carlo",
         precision=0.3,
     )
@@ -116,7 +116,7 @@ def test_a_frequency_response():
 
 def test_a_bifurcation():
     found = harvester.bifurcation(
-        DEVICE, over="excitation.amplitude", values=[0.5, 1.0], down=False, periods=40
+        DEVICE, over={"excitation.amplitude": [0.5, 1.0]}, down=False, periods=40
     )
     told = found.to_dict()["branches"][0]
     assert drawn(found.figure(), "mean power") == pytest.approx(np.nanmax(told["mean_power"]))

@@ -48,7 +48,7 @@ def study(pool):
     return load_study(
         scene,
         loads=["resistor"],
-        sweeps={RESISTANCE: places},
+        over={RESISTANCE: places},
         method="monte-carlo",
         precision=0.03,
         executor=pool,
@@ -92,7 +92,7 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     study = load_study(
         linear,
         loads=["resistor", "scene"],
-        sweeps={RESISTANCE: [0.4]},
+        over={RESISTANCE: [0.4]},
         precision=0.5,
         executor=pool,
     )
@@ -117,7 +117,7 @@ def test_three_standard_errors_of_few_realizations_are_as_rare_as_of_many(realiz
 def test_the_circuit_is_the_judge(linear, pool):
     """At the highest of three places and at one of the others, on the realizations themselves."""
     sweeps = {RESISTANCE: [0.1, 0.4, 2.0]}
-    study = load_study(linear, loads=["resistor"], sweeps=sweeps, precision=0.4, executor=pool)
+    study = load_study(linear, loads=["resistor"], over=sweeps, precision=0.4, executor=pool)
     assert [each.highest for each in study.proofs].count(True) == 1
     highest = next(each for each in study.proofs if each.highest)
     assert highest.place == int(np.argmax([each.power for each in study.evaluations]))
@@ -211,7 +211,7 @@ def test_what_only_the_circuit_takes_is_run_by_it(linear, tmp_path, pool):
     (tmp_path / "mine.lib").write_text(LOAD.replace("R1", "M1 p n n n nm\n.model nm nmos\nR1"))
     short = linear.replace({"run.realizations": 1, "run.duration": 20.0})
     loads = ["resistor", str(tmp_path / "mine.lib")]
-    study = load_study(short, loads=loads, sweeps={RESISTANCE: [1.0]}, executor=pool)
+    study = load_study(short, loads=loads, over={RESISTANCE: [1.0]}, executor=pool)
     assert study.methods == ("monte-carlo", "circuit")
     assert [each.place for each in study.proofs] == [0]
     with pytest.raises(HarvesterError, match="letter M"):
@@ -223,14 +223,14 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
     sweeps = {RESISTANCE: [-0.02, 1.0]}
     short = linear.replace({"run.realizations": 1})
     options = {"method": "circuit", "output": tmp_path, "executor": pool}
-    study = load_study(short, loads=[str(tmp_path / "two.lib")], sweeps=sweeps, **options)
+    study = load_study(short, loads=[str(tmp_path / "two.lib")], over=sweeps, **options)
     broken, whole = study.evaluations
     assert math.isnan(broken.power)
     assert broken.outcome.split(":")[0] in ("SolutionDiverged", "SimulatorAborted")
     # It is too short for an error bar, which the outcome adds.
     assert whole.outcome.split(";")[0] == "complete"
     assert whole.power > 0.0
-    again = load_study(short, loads=[str(tmp_path / "two.lib")], sweeps=sweeps, **options)
+    again = load_study(short, loads=[str(tmp_path / "two.lib")], over=sweeps, **options)
     assert (again.computed, again.reused) == (0, 2)
     assert again.evaluations[0].outcome == broken.outcome
 
@@ -239,7 +239,7 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
 def test_closures_make_a_study_too(pool):
     scene = Scene.read("device")
     sweeps = {"load.resistance": [1e6]}
-    study = load_study(scene, loads=["resistor"], sweeps=sweeps, method="consistent", executor=pool)
+    study = load_study(scene, loads=["resistor"], over=sweeps, method="consistent", executor=pool)
     expected = scene.replace({"load.resistance": 1e6})
     value = average(expected, method="consistent").quantity("mean_power").estimate
     assert study.evaluations[0].power == pytest.approx(value, rel=1e-12)
@@ -288,10 +288,10 @@ def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
 def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path, pool):
     options = {"method": "monte-carlo", "precision": 0.05, "output": tmp_path, "executor": pool}
     sweeps = {RESISTANCE: [0.3, 0.5, 1.0]}
-    first = load_study(linear, loads=["resistor"], sweeps=sweeps, time_budget=1e-3, **options)
+    first = load_study(linear, loads=["resistor"], over=sweeps, time_budget=1e-3, **options)
     assert first.out_of_time
     assert first.computed == 0
-    last = load_study(linear, loads=["resistor"], sweeps=sweeps, **options)
+    last = load_study(linear, loads=["resistor"], over=sweeps, **options)
     assert not last.out_of_time
 
 
@@ -309,10 +309,10 @@ def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
 
 def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path, pool):
     options = {"method": "consistent", "output": tmp_path, "executor": pool}
-    first = load_study(linear, loads=["resistor"], sweeps={RESISTANCE: [1.0, 2.0]}, **options)
+    first = load_study(linear, loads=["resistor"], over={RESISTANCE: [1.0, 2.0]}, **options)
     one, two = (tmp_path / "points").iterdir()
     two.write_bytes(one.read_bytes())
-    last = load_study(linear, loads=["resistor"], sweeps={RESISTANCE: [1.0, 2.0]}, **options)
+    last = load_study(linear, loads=["resistor"], over={RESISTANCE: [1.0, 2.0]}, **options)
     assert last.warnings == (f"{two}: is the answer of another key: computed again",)
     assert [e.power for e in last.evaluations] == [e.power for e in first.evaluations]
     assert (last.computed, last.reused) == (1, 1)
@@ -356,7 +356,7 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     scene = Scene.read("device").replace({"run.duration": 4.0, "run.settle": 11.0})
     scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
     sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
-    quick, slow = load_study(scene, sweeps=sweeps, executor=pool).evaluations
+    quick, slow = load_study(scene, over=sweeps, executor=pool).evaluations
     assert quick.outcome.startswith("complete; output power: too short for an error bar")
     assert "the store cstorage (bridge.lib:28) still charges" in slow.outcome
     assert slow.estimates["output_power"].standard_error is None
@@ -404,7 +404,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     found = load_study(
         scene,
         loads=[str(path)],
-        sweeps={"load.parameters.initial": [0.0, 40.0]},
+        over={"load.parameters.initial": [0.0, 40.0]},
         method="monte-carlo",
         executor=pool,
     )
@@ -441,7 +441,7 @@ def test_a_point_that_sources_of_the_load_feed_is_not_ranked(tmp_path, pool):
     found = load_study(
         scene,
         loads=[str(path)],
-        sweeps={"load.parameters.resistance": resistances},
+        over={"load.parameters.resistance": resistances},
         method="monte-carlo",
         precision=0.5,
         executor=pool,
