@@ -55,10 +55,14 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     blocks = []
     for columns in _blocks(widths, keys, width):
         block = RichTable(box=box.SIMPLE_HEAD)
+        spare = width - MARGIN - sum(widths[k] + GAP for k in columns)
         for k in columns:
+            # What is left of the line is for headings that need several lines.
+            wider = max(0, min(spare, len(header[k]) - widths[k]))
+            spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
             justify: Literal["left", "right"] = "left" if words else "right"
-            block.add_column(header[k], justify=justify, width=widths[k], overflow="fold")
+            block.add_column(header[k], justify=justify, width=widths[k] + wider, overflow="fold")
         for row in rows:
             block.add_row(*(row[k] for k in columns))
         blocks.append(block)
