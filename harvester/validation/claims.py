@@ -254,13 +254,13 @@ def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> 
                 if claim.test.quantity in FEATURES:
                     dense.add((method, needed[method, changes]))
     count = THOROUGH if thorough else REALIZATIONS
-    # Closures have no time series of moments.
-    options: dict[str, Any] = {engine: {"moments": True} for engine in count}
-    return {
-        point: request(changed, point[0], count, (point[0], changed) in dense,
-                       **options.get(point[0], {}))
-        for point, changed in needed.items()
-    }  # fmt: skip
+    requests = {}
+    for (method, changes), changed in needed.items():
+        # Closures have no time series of moments.
+        options = {"moments": True} if method in count else {}
+        is_dense = (method, changed) in dense
+        requests[method, changes] = request(changed, method, count, is_dense, **options)
+    return requests
 
 
 def _changes_of(claim, method, thorough):

@@ -80,10 +80,6 @@ class Reproduction:
     quick: bool
     wall_seconds: float
 
-    @property
-    def is_density(self) -> bool:
-        return not self.layout.quantities
-
     def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
@@ -108,7 +104,7 @@ class Reproduction:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        what = "∫|p − p'| dX to" if self.is_density else "deviation from"
+        what = "deviation from" if self.layout.quantities else "∫|p − p'| dX to"
         header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
         for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
