@@ -74,9 +74,7 @@ for claim, opinions in statements.opinions:
 # %%
 distances = {row[2]: row[7].lstrip("+") for row in rows if row[1].startswith("a")}
 held = [
-    claim.says
-    for claim, opinions in statements.opinions
-    if opinions["monte-carlo"].word == "holds"
+    claim.says for claim, opinions in statements.opinions if opinions["monte-carlo"].word == "holds"
 ]
 failed = [
     claim.says

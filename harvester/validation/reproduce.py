@@ -80,7 +80,7 @@ class Reproduction:
     quick: bool
     wall_seconds: float
 
-    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Outcome]]:
+    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Any]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
