@@ -1,4 +1,4 @@
-"""The paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
+"""The paper's statements, tested by Monte Carlo, by the circuit and by each closure."""
 
 import time
 from collections.abc import Sequence
@@ -143,8 +143,8 @@ class ReproducedStatements:
         ]
         if not self.thorough:
             lines.append(
-                "the circuit is a hundred times as slow: it judges one condition of each statement "
-                "(D = 0.08 where that is one) and the ends of trends. With --thorough it judges all"
+                "the circuit is a hundred times as slow: it tests one condition of each statement "
+                "(D = 0.08 where that is one) and the ends of trends. With --thorough it tests all"
             )
         lines.append(
             f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "

@@ -204,7 +204,7 @@ def reproduce(
     on_figure: Callable[[Any], object] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> list[Any]:
-    """Compute figures and judge statements; scenes that several share are computed once.
+    """Compute figures and test statements; scenes that several share are computed once.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def reproduce(
 
     Returns
     -------
-    list of Surfaces, OrbitVoltages, Reproduction or Judgement
+    list of Surfaces, OrbitVoltages, Reproduction or ReproducedStatements
         Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()
