@@ -27,7 +27,8 @@ NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset poin
 NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
-SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.3", "line": "-."}
+# A broad line behind all others: methods without a bias lie on it.
+SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.8", "width": 4.0}
 
 
 def draw(study: Any) -> Figure:
@@ -124,7 +125,7 @@ def _biases(study, name, marks):
     series += [drawn for _, drawn in named]
     seconds = [drawn.x[0] for drawn in series] or [1.0]
     level = np.full(2, 100.0 * study.sampling_error(name))
-    series.append(Series(np.array([min(seconds), max(seconds)]), level, **SAMPLING))
+    series.insert(0, Series(np.array([min(seconds), max(seconds)]), level, **SAMPLING))
     return _panel(series, _run_time(study), "|bias| [%]", f"bias of {SYMBOLS[name]}", named)
 
 
@@ -145,11 +146,18 @@ def _total_errors(study, name, marks):
     times += [answer["seconds"] for answer in study.closures.values()]
     times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
     seconds = np.geomspace(min(times), max(times), POINTS)
+
+    def total_of(error):
+        """In percent; what is below the smallest limit is of no interest."""
+        total = 100.0 * error.after(seconds)
+        return np.where(total >= 100.0 * LIMITS[-1], total, np.nan)
+
     named = _closures(study, lambda closure: study.deviation(closure, name))
-    series = [drawn for _, drawn in named]
+    series = [Series(seconds, total_of(study.errors[name]), **SAMPLING)]
+    series += [drawn for _, drawn in named]
     for row in rows:
         error, colour = row.errors[name], marks[row.method.group][0]
-        total = 100.0 * error.after(seconds)
+        total = total_of(error)
         known = error.bias.estimate == error.bias.standard_error == 0.0
         uncertainty = 0.0 if known else 200.0 * (error.bias.standard_error or math.inf)
         for line, shown in (("-", total >= uncertainty), ("--", total < uncertainty)):
@@ -157,9 +165,5 @@ def _total_errors(study, name, marks):
         read = [(error.seconds_to(limit), 100.0 * limit) for limit in LIMITS]
         read = [point for point in read if point[0] < math.inf]
         series.append(_points(row, marks, *np.reshape(read, (-1, 2)).T))
-    # What is below the smallest limit is of no interest.
-    sampling = 100.0 * study.errors[name].after(seconds)
-    shown = sampling >= 100.0 * LIMITS[-1]
-    series.append(Series(seconds[shown], sampling[shown], **SAMPLING))
     title = f"√(bias² + sampling variance) of {SYMBOLS[name]}"
     return _panel(series, "wall time of one core [s]", "total error [%]", title, named)

@@ -277,7 +277,11 @@ def measure(
     with_load = _has_load(scene)
     reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1
-    speeds = _speeds(scene, methods is None and not with_load, runner)
+    # A load with more than a resistor has but one way to run the circuit.
+    speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
+    if methods is None and not with_load:
+        # It runs alone, since other tasks would slow down the processors that it measures.
+        speeds = _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
         compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
@@ -357,14 +361,6 @@ def _has_load(scene):
         return False
     circuit_of(prepared(scene))
     return True
-
-
-def _speeds(scene, measured, runner):
-    """How fast every way to run the circuit is; a load with more than a resistor has but one."""
-    if not measured:
-        return {"rows": [], "machine": throughput.machine()}
-    # It runs alone, since other tasks would slow down the processors that it measures.
-    return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
 
 
 def _brief_scene(scene, realizations):

@@ -1,4 +1,4 @@
-"""The paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
+"""The paper's statements, tested by Monte Carlo, by the circuit and by each closure."""
 
 import time
 from collections.abc import Sequence
@@ -152,8 +152,8 @@ class ReproducedStatements(ResultBase):
         ]
         if not self.thorough:
             lines.append(
-                "the circuit is a hundred times as slow: it judges one condition of each statement "
-                "(D = 0.08 where that is one) and the ends of trends. With --thorough it judges all"
+                "the circuit is a hundred times as slow: it tests one condition of each statement "
+                "(D = 0.08 where that is one) and the ends of trends. With --thorough it tests all"
             )
         lines.append(
             f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
@@ -260,13 +260,13 @@ def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> 
                 if claim.test.quantity in FEATURES:
                     dense.add((method, needed[method, changes]))
     count = THOROUGH if thorough else REALIZATIONS
-    # Closures have no time series of moments.
-    options: dict[str, Any] = {engine: {"moments": True} for engine in count}
-    return {
-        point: request(changed, point[0], count, (point[0], changed) in dense,
-                       **options.get(point[0], {}))
-        for point, changed in needed.items()
-    }  # fmt: skip
+    requests = {}
+    for (method, changes), changed in needed.items():
+        # Closures have no time series of moments.
+        options = {"moments": True} if method in count else {}
+        is_dense = (method, changed) in dense
+        requests[method, changes] = request(changed, method, count, is_dense, **options)
+    return requests
 
 
 def _changes_of(claim, method, thorough):

@@ -89,8 +89,9 @@ def _series(method, points, quantity, factor, colour):
         return [_density(method, o.density, colour) for _, o in points if answered(o)]
     label = _label(method, colour)
     if method in STYLES:
-        y = [factor * o.quantities[quantity].estimate if answered(o) else np.nan for _, o in points]
-        return [Series([value for value, _ in points], y, label, colour, STYLES[method])]
+        x = [value for value, _ in points]
+        means = [o.quantities[quantity].estimate if answered(o) else np.nan for _, o in points]
+        return [Series(x, factor * np.array(means), label, colour, STYLES[method])]
     _, mark, size = MARKS[method]
     series = []
     for symbol, words, is_short in ((mark, label, False), (SHORT, None, True)):
@@ -99,10 +100,10 @@ def _series(method, points, quantity, factor, colour):
             for value, outcome in points
             if answered(outcome) and outcome.misses_jumps == is_short
         ]
-        x = [value for value, _ in shown]
+        values = [value for value, _ in shown]
         y = np.array([factor * estimate.estimate for _, estimate in shown])
         bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in shown]
-        series.append(Series(x, y, words, colour, "", symbol, bars, size=size))
+        series.append(Series(values, y, words, colour, "", symbol, bars, size=size))
     return [drawn for drawn in series if drawn.y.size]
 
 

@@ -77,11 +77,7 @@ class Reproduction(ResultBase):
     quick: bool
     wall_seconds: float
 
-    @property
-    def is_density(self) -> bool:
-        return not self.layout.quantities
-
-    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Outcome]]:
+    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Any]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
@@ -114,7 +110,7 @@ class Reproduction(ResultBase):
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        what = "∫|p − p'| dX to" if self.is_density else "deviation from"
+        what = "deviation from" if self.layout.quantities else "∫|p − p'| dX to"
         header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
         for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
@@ -211,7 +207,7 @@ def reproduce(
     on_figure: Callable[[Any], object] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> list[Any]:
-    """Compute figures and judge statements; scenes that several share are computed once.
+    """Compute figures and test statements; scenes that several share are computed once.
 
     Parameters
     ----------
@@ -233,7 +229,7 @@ def reproduce(
 
     Returns
     -------
-    list of Surfaces, OrbitVoltages, Reproduction or Judgement
+    list of Surfaces, OrbitVoltages, Reproduction or ReproducedStatements
         Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()

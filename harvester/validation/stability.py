@@ -200,7 +200,7 @@ def _draw(matrix):
     lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
     titles = [row.case.title for row in matrix.rows]
     figure = Figure(figsize=(WIDTH, 1.4 + 0.25 * len(titles)))
-    axes = figure.subplots()
+    axes: Any = figure.subplots()
     axes.axis("off")
     header = [method.replace("_", " ") for method in matrix.methods]
     table = axes.table(

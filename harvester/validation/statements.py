@@ -1,7 +1,7 @@
 """The paper's statements on trends, as data of paper.toml, and what tests them.
 
-A test lists the changes of the scene that it needs at a condition (`scenes`), and judges them
-(`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
+A test lists the changes of the scene that it needs at a condition (`scenes`), and evaluates
+them (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
 none. Differences of two simulations are paired batch by batch on their common noise, which is
 valid whether or not the paths stay together: the error is that of the difference itself.
 """

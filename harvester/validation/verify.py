@@ -6,7 +6,7 @@ import datetime
 import itertools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
@@ -235,9 +235,9 @@ def verify(
     truths = [*catalogue(), *measured()] if chosen is None else chosen
     asked = [(truth, *question) for truth in truths for question in truth.asked.items()]
     with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
-        outcomes = {
-            kind: iter(ask([question for *_, question in asked if isinstance(question, kind)]))
-            for kind, ask in ((Request, runner.answer), (Task, runner.run))
+        outcomes: dict[type, Iterator] = {
+            Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
+            Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
         }
     # What is neither a request nor a task is the reason why nothing can be computed.
     rows = [

@@ -1,17 +1,10 @@
-"""Bridge and SECE of near-ideal parts against closed forms that take the piezo's force back.
+"""A bridge of near-ideal parts on narrow-band noise, against a closed form.
 
-Y. C. Shu and I. C. Lien, Smart Materials and Structures 15 (2006) 1499–1512, in the form that
-balances energy: with a = ωCpR + π/2, force F0 and damping η,
-
-    u0 = F0/√{[ηω + 2ωθ²R/a²]² + [k − ω²M + ωθ²R/a]²},  P = ω²θ²R u0²/a².
-
-E. Lefeuvre et al., Sensors and Actuators A 126 (2006) 405–416: at the best frequency
-P/(F0²/8η) = 4x/(1 + x)², x = 4k²Q/π for SECE, k² = θ²/(k Cp), Q = Mω/η.
+Bridge and SECE under a sine are entries of `harvester verify`.
 """
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from scipy.special import erfc
 
 from circuits.kernel.engine import circuit_of, integrate
@@ -58,65 +51,6 @@ def powers(scene):
     into, square, place = np.trapezoid(columns[1:], columns[0], axis=1) / length
     used = conductance(circuit.load.across_output) * square * scales.voltage**2
     return into * scales.power, used, np.sqrt(place) * scales.displacement
-
-
-def sine(frequency, amplitude):
-    return {"kind": "sine", "amplitude": amplitude, "frequency": frequency / (2.0 * np.pi)}
-
-
-def shu_lien(omega, resistance, force, damping, coupling, capacitance):
-    a = omega * capacitance * resistance + 0.5 * np.pi
-    back = omega * coupling**2 * resistance
-    lossy = damping * omega + 2.0 * back / a**2
-    size = force / np.hypot(lossy, 1.0 - omega**2 + back / a)
-    return (omega * coupling * size / a) ** 2 * resistance
-
-
-@pytest.mark.parametrize(("ratio", "best"), [(0.01, 0.147), (0.09, 0.769), (0.3, 1.000)])
-def test_a_coupled_bridge_is_shu_and_liens(ratio, best):
-    """At its best frequency and resistance: off them the form, one harmonic, is up to 12 % off."""
-    damping, force, coupling = 0.08, 3.0, 1e-3
-    capacitance = coupling**2 / ratio
-    given = (force, damping, coupling, capacitance)
-    found = minimize(
-        lambda z: -shu_lien(z[0], np.exp(z[1]) / capacitance, *given), [1.02, 0.5],
-        method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-16},
-    )  # fmt: skip
-    assert -found.fun / (force**2 / (8.0 * damping)) == pytest.approx(best, abs=6e-4)
-    omega, resistance = found.x[0], np.exp(found.x[1]) / capacitance
-    values = {"diode": 0, "resistance": resistance, "storage": 60.0 / resistance}
-    load = {"netlist": "bridge", "parameters": values}
-    run = {"settle": 600.0, "duration": 200.0 * np.pi / omega}
-    scene = scene_of(coupling, capacitance, damping, sine(omega, force), load, run)
-    into, used, _ = powers(scene)
-    assert used == pytest.approx(shu_lien(omega, resistance, *given), rel=0.02)
-    assert used / into > 0.99
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("figure", "best"), [(0.1, 0.401), (np.pi / 4.0, 1.0), (1.0, 0.986), (np.pi, 0.640)]
-)
-def test_sece_with_strong_coupling(figure, best):
-    """What it takes from the piezo at the best frequency, k²Q being the figure of merit."""
-    share = 0.005
-    quality, coupling = figure / share, 1e-3
-    damping, force = 1.0 / quality, 100.0 / quality
-    capacitance = coupling**2 / share
-    load = {
-        "netlist": "sece",
-        "parameters": {
-            "diode": 0, "resistance": 0.1 / capacitance, "storage": 400.0 * capacitance,
-            "capacitance": capacitance, "inversion_time": 0.02, "sense_time": 0.005,
-            "quality": 1000, "threshold": 1e-6, "residual": 0.5,
-        },
-    }  # fmt: skip
-    run = {"settle": 10.0 * quality, "duration": 100.0 * np.pi}
-    taken = [
-        powers(scene_of(coupling, capacitance, damping, sine(omega, force), load, run))[0]
-        for omega in np.sqrt(1.0 + share * np.array([0.6, 0.8, 1.0, 1.2, 1.4]))
-    ]
-    assert max(taken) / (force**2 / (8.0 * damping)) == pytest.approx(best, rel=0.02)
 
 
 HELD = """* a bridge into a voltage that is held

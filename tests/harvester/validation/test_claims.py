@@ -280,9 +280,9 @@ def test_it_finds_what_a_figure_left_in_the_folder(tmp_path, brief, pool, monkey
     assert told_of(found) == told_of(alone)
 
 
-def told_of(judgement):
+def told_of(statements):
     """What it says, without how long it took."""
-    told = judgement.to_dict()
+    told = statements.to_dict()
     for each in (told, *told["points"]):
         each.pop("wall_seconds", None)
         each.pop("seconds", None)

@@ -152,14 +152,15 @@ def test_monte_carlo_holds_when_the_load_is_faster_than_the_step(pool, rate):
         assert ours == pytest.approx(reference.scaled_quantities[name].estimate, rel=5e-3)
 
 
-DROPS = {(0.3, "10"), (0.7, "1e6"), (1.0, "1e8")}
+# At K = 10 drops are rows of `verify`.
+DROPS = {(0.3, "1e6"), (0.7, "1e6"), (1.0, "1e8")}
 
 
 @pytest.mark.parametrize(
     ("restitution", "stiffness"),
     [
         pytest.param(*drop, marks=pytest.mark.slow if drop in DROPS else pytest.mark.exhaustive)
-        for drop in itertools.product((0.3, 0.5, 0.7, 0.9, 1.0), ("10", "1e6", "1e8"))
+        for drop in itertools.product((0.3, 0.5, 0.7, 0.9, 1.0), ("1e6", "1e8"))
     ],
 )
 def test_a_drop_in_the_circuit_rebounds_as_the_exact_law_says(worker, restitution, stiffness):

@@ -41,9 +41,9 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 
 
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.7, 0.9, 1.0])
-@pytest.mark.parametrize("stiffness", [10.0, 1e6])
-def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
-    scene = drop_scene(restitution, stiffness)
+def test_a_drop_on_a_stiff_stopper_rebounds_as_the_exact_law_says(restitution):
+    """At K = 10 drops are rows of `verify`."""
+    scene = drop_scene(restitution, 1e6)
     for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_sample=4):
         velocity = record.velocity[-1]
     assert -velocity == pytest.approx(rebound_speed(restitution), abs=1e-3)
