@@ -54,7 +54,8 @@ class Key:
     default
         Value of a key that is left out.
     rare, written
-        A written scene omits `rare` keys at their default, and always those not `written`.
+        A written scene omits `rare` keys at their default, and always those not `written`, which
+        stay in memory and in JSON; schema and docs do not list them.
     drawn
         Whether it follows from a drawing.
     file
