@@ -40,6 +40,8 @@ def _section(title, cls):
     yield "| key | meaning | SI | scaled | accepts | unless given |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for name, spec in cls.KEYS.items():
+        if not spec.written:
+            continue
         si = (spec.unit or "·") if SI in spec.units else "–"
         scaled = (spec.scaled or "·") if SCALED in spec.units else "–"
         default = "required" if spec.required else ""

@@ -155,13 +155,9 @@ def _answered(text, name):
 
 def questions(scene: Scene) -> Iterator[Question]:
     """The questions for a scene: the keys of its tables that a device's maker knows."""
-    from harvester.device.keys import class_of
-    from harvester.scene.tables import all_tables
+    from harvester.scene.tables import rows_of
 
-    for table, values in scene.to_tables().items():
-        if not isinstance(values, dict):
-            continue
-        cls = class_of(all_tables()[table], values)
+    for table, cls, values in rows_of(scene.to_tables()):
         for name, spec in cls.KEYS.items():
             groups = [group.keys for group in cls.ALTERNATIVES if name in group.keys]
             others = [other for keys in groups for other in keys if other != name]

@@ -11,7 +11,7 @@ From the declaration follow the check of a scene, its TOML and JSON, `--set`, th
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
@@ -54,7 +54,8 @@ class Key:
     default
         Value of a key that is left out.
     rare, written
-        A written scene omits `rare` keys at their default, and always those not `written`.
+        A written scene omits `rare` keys at their default, and always those not `written`, which
+        stay in memory and in JSON; schema and docs do not list them.
     drawn
         Whether it follows from a drawing.
     file
@@ -303,14 +304,15 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
         check_value(f"{prefix}kind", kind, keys["kind"], origin)
     cls = class_of(tables, values)
     keys |= cls.KEYS
+    usable = {name: spec for name, spec in keys.items() if units in spec.units}
     checked = {}
     for name, value in values.items():
         if name not in keys:
-            fitting = [k for k, spec in keys.items() if units in spec.units and spec.written]
-            hint = nearest(name, fitting) or f"; there are {', '.join(fitting)}"
+            names = [key for key, spec in usable.items() if spec.written]
+            hint = nearest(name, names) or f"; there are {', '.join(names)}"
             raise SceneError(f"{origin}: unknown key {prefix}{named(name)}{hint}")
         spec = keys[name]
-        if units not in spec.units:
+        if name not in usable:
             raise SceneError(
                 f'{origin}: {prefix}{name} belongs to scenes with units = "{spec.units[0]}", '
                 f'and this one has "{units}"'
@@ -321,32 +323,27 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
                 check_table(f"{prefix}{name}[{index}]", part, tables, units, origin)
                 for index, part in enumerate(checked[name])
             )
-    for name, spec in keys.items():
-        if spec.required and units in spec.units and name not in checked:
+    for name, spec in usable.items():
+        if spec.required and name not in checked:
             raise SceneError(f"{origin}: {prefix}{name} is missing; it takes {spec.allowed(units)}")
     for group in cls.ALTERNATIVES:
-        for fault in _faults(group, prefix, checked, cls.KEYS, units):
-            raise SceneError(f"{origin}: {fault}")
+        fitting = [name for name in group.keys if name in usable]
+        present = [prefix + name for name in fitting if name in checked]
+        if len(present) > 1:
+            twice = " and ".join(present[:2])
+            raise SceneError(f"{origin}: {twice} exclude each other; keep one{group.hint}")
+        if group.required and not present:
+            first, *others = (prefix + name for name in fitting)
+            instead = f", or give {' or '.join(others)}" if others else ""
+            takes = usable[fitting[0]].allowed(units)
+            raise SceneError(f"{origin}: {first} is missing; it takes {takes}{instead}")
+        for name, needed in group.needs.items():
+            if name in checked and not {*needed} & {*checked}:
+                listed = " or ".join(prefix + other for other in needed if other in usable)
+                others = [other for other in present if other != prefix + name]
+                but = "".join(f", and there is {other}: take one out" for other in others)
+                raise SceneError(f"{origin}: {prefix}{name} needs {listed}{but}{group.hint}")
     return cls(**checked)
-
-
-def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str) -> Iterator[str]:
-    """What is wrong with the alternatives that a table holds."""
-    fitting = [name for name in group.keys if units in keys[name].units]
-    present = [name for name in group.keys if name in given]
-    if len(present) > 1:
-        twice = " and ".join(prefix + name for name in present[:2])
-        yield f"{twice} exclude each other; keep one{group.hint}"
-    if group.required and not present:
-        first, *others = (prefix + name for name in fitting)
-        instead = f", or give {' or '.join(others)}" if others else ""
-        yield f"{first} is missing; it takes {keys[fitting[0]].allowed(units)}{instead}"
-    for name, needed in group.needs.items():
-        if name in given and not {*needed} & {*given}:
-            listed = f" or {prefix}".join(n for n in needed if units in keys[n].units)
-            other = [n for n in present if n != name]
-            but = f", and there is {prefix}{other[0]}: take one out" if other else ""
-            yield f"{prefix}{name} needs {prefix}{listed}{but}{group.hint}"
 
 
 class NamedValues(dict):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import Table, key, not_negative, positive, table, word
+from harvester.device.keys import SCALED, Table, key, not_negative, positive, table, word
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -182,13 +182,16 @@ class Excitation(Table, ABC):
         or the scene's name, for the message of the SceneError.
         """
 
-    def _refuse_unit(self, units: str, choices: str, origin: str) -> NoReturn:
-        """Refuse the unit of samples or densities, or its absence, in a scene with these units."""
+    def _check_unit(self, units: str, origin: str, required: bool = False) -> None:
+        """Refuse a `unit` of samples or densities that is not one of a scene with these units."""
         unit = getattr(self, "unit", None)
+        if (unit == SCALED) == (units == SCALED) and (unit or not required):
+            return
+        words = (w for w in self.KEYS["unit"].words if (w == SCALED) == (units == SCALED))
         stated = f' = "{unit}"' if unit else " is missing"
-        choices = '"scaled"' if units == "scaled" else choices
         raise SceneError(
-            f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {choices}'
+            f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes one of '
+            + ", ".join(f'"{word}"' for word in words)
         )
 
     def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:

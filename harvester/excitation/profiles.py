@@ -33,13 +33,13 @@ PROFILES = {
 }
 
 
-def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
-    """An excitation's table with its profile's name replaced by the profile's values.
+def write_out_profile(table: dict[str, Any], where: str) -> None:
+    """Replace the name of a profile in an excitation's table by the profile's values.
 
     Raises SceneError if there is no such profile, or the table has values of its own beside it.
     """
     if "profile" not in table or table.get("kind") != "spectrum":
-        return table
+        return
     name = table["profile"]
     profile = PROFILES.get(name) if isinstance(name, str) else None
     if profile is None:
@@ -55,4 +55,5 @@ def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
     for key in values:
         if key in table:
             raise SceneError(f"{where}.{key}: stands in the profile {name}; leave one of them out")
-    return {key: value for key, value in table.items() if key != "profile"} | values
+    del table["profile"]
+    table |= values

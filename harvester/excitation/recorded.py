@@ -161,18 +161,13 @@ class RecordedMotion(Excitation):
         return self.drifts and _events(self, count) < MOST_EVENTS
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        if (self.unit == "scaled") != (units == "scaled"):
-            self._refuse_unit(units, ", ".join(ACCELERATION), origin)
+        self._check_unit(units, origin)
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
         if self.scale == 0.0:
             raise SceneError(f"{origin}: excitation.scale = 0: must be another number than 0")
-        interval = one_pass(self).interval
-        if self.knot_spacing is not None and self.knot_spacing > interval * (1.0 + 1e-9):
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {interval:g}], the time between the record's samples"
-            )
+        longest = one_pass(self).interval * (1.0 + 1e-9)
+        self._check_knot_spacing(longest, "the time between the record's samples", origin)
         if self.interpolation == "smooth" and self.knot_spacing is not None:
             raise SceneError(
                 f'{origin}: excitation.interpolation = "smooth" and excitation.knot_spacing: leave '

@@ -102,8 +102,7 @@ class Spectrum(Excitation):
         return density_between(self.points, frequencies)
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        if (self.unit == "scaled") != (units == "scaled") or (units == "SI" and not self.unit):
-            self._refuse_unit(units, '"g^2/Hz" or "(m/s^2)^2/Hz"', origin)
+        self._check_unit(units, origin, required=True)
         frequencies = [frequency for frequency, _ in self.breakpoints]
         for index, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
             if not low < high:

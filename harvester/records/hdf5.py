@@ -16,7 +16,6 @@ from harvester.records.table import (
     Table,
     Unreadable,
     broken_file,
-    rate_of,
     table_of_longest,
 )
 
@@ -56,7 +55,7 @@ def _table(h5py, file):
         for path, dataset in _datasets(h5py, file)
         for field in _number_fields(dataset)
     }
-    shapes = {name: dataset.shape for name, (dataset, _) in arrays.items()}
+    shapes = {n: dataset.shape for n, (dataset, _) in arrays.items() if 0 not in dataset.shape}
     # "seconds since 2026-03-01" are seconds.
     units = {
         name: _text_attribute(dataset, UNITS).partition(" since ")[0]
@@ -66,17 +65,14 @@ def _table(h5py, file):
     def load(names):
         return {name: _decoded(name, *arrays[name]) for name in names}
 
-    single = {name: _values(*array) for name, array in arrays.items() if array[0].size == 1}
-    numbers = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
-    longest = max((max(shape, default=1) for shape in shapes.values()), default=0)
-    for name, (dataset, _) in arrays.items():
-        if longest in shapes[name]:
-            numbers |= _number_attributes(dataset, f"{name}/")
-    table = table_of_longest(
-        {n: shape for n, shape in shapes.items() if 0 not in shape}, load, units
-    )
-    table.rate = rate_of(numbers | _number_attributes(file))
-    return table
+    def numbers(longest):
+        single = {name: _values(*array) for name, array in arrays.items() if array[0].size == 1}
+        said = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
+        for name in longest:
+            said |= _number_attributes(arrays[name][0], f"{name}/")
+        return said | _number_attributes(file)
+
+    return table_of_longest(shapes, load, units, numbers)
 
 
 def _number_fields(dataset):

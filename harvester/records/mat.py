@@ -17,7 +17,6 @@ from harvester.records.table import (
     Table,
     Unreadable,
     broken_file,
-    rate_of,
     table_of_longest,
 )
 
@@ -67,11 +66,8 @@ def read(content: bytes) -> Table:
     single = load(
         [n for n, shape in shapes.items() if shape == () or (n in arrays and max(shape) == 1)]
     )
-    table = table_of_longest(shapes, load)
-    table.rate = rate_of(
-        {n: float(v.ravel()[0]) for n, v in single.items() if v.dtype.kind in REAL_KINDS}
-    )
-    return table
+    numbers = {n: float(v.ravel()[0]) for n, v in single.items() if v.dtype.kind in REAL_KINDS}
+    return table_of_longest(shapes, load, numbers=lambda longest: numbers)
 
 
 def _load(content, names):

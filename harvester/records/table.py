@@ -129,6 +129,7 @@ def table_of_longest(
     shapes: Mapping[str, tuple[int, ...]],
     load: Callable[[list[str]], Mapping[str, np.ndarray]],
     units: Mapping[str, str] | None = None,
+    numbers: Callable[[list[str]], Mapping[str, float]] = lambda longest: {},
 ) -> Table:
     """A table of the longest arrays of a file, each a column or a table of columns.
 
@@ -136,7 +137,9 @@ def table_of_longest(
 
     `shapes`: shapes of the arrays of numbers in one or two dimensions. `load`: function of the
     names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
-    arrays whose units the file says. Raises Unreadable if they hold too many numbers.
+    arrays whose units the file says. `numbers`: function of the names of the longest arrays; gives
+    single numbers by name, of which `rate_of` takes the sampling rate. Raises Unreadable if they
+    hold too many numbers, or say different rates.
     """
     sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
     # A single number is no series of samples.
@@ -152,7 +155,9 @@ def table_of_longest(
         labels = [f"{name}[{k}]" for k in range(array.shape[1])] if array.shape[1] > 1 else [name]
         columns |= zip(labels, array.T, strict=True)
         column_units += [(units or {}).get(name, "")] * len(labels)
-    return table_of([*columns.values()], [*columns], column_units)
+    table = table_of([*columns.values()], [*columns], column_units)
+    table.rate = rate_of(numbers(longest))
+    return table
 
 
 def rate_of(numbers: Mapping[str, float]) -> float | None:

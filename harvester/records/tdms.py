@@ -15,7 +15,6 @@ from harvester.records.table import (
     Table,
     Unreadable,
     broken_file,
-    rate_of,
     table_of_longest,
 )
 
@@ -51,14 +50,6 @@ def _table(file, most):
         for name, channel in channels.items()
         if channel.dtype is not None and channel.dtype.kind in REAL_KINDS + "M" and len(channel)
     }
-    longest = max(map(len, channels.values()), default=0)
-    steps = {
-        float(channel.properties.get("wf_increment", 0.0))
-        for channel in channels.values()
-        if len(channel) == longest
-    } - {0.0}
-    if len(steps) > 1:
-        raise Unreadable("its longest channels have several sampling rates: save one channel alone")
     units = {
         name: "s" if channel.dtype.kind == "M" else str(channel.properties.get("unit_string", ""))
         for name, channel in channels.items()
@@ -67,9 +58,12 @@ def _table(file, most):
     def load(names):
         return {name: _numbers(channels[name][:]) for name in names}
 
-    table = table_of_longest({name: (len(c),) for name, c in channels.items()}, load, units)
-    table.rate = rate_of({"wf_increment": max(steps, default=0.0)})
-    return table
+    def steps(longest):
+        step = {name: channels[name].properties.get("wf_increment", 0.0) for name in longest}
+        return {f"{name}/wf_increment": float(step[name]) for name in longest}
+
+    shapes = {name: (len(channel),) for name, channel in channels.items()}
+    return table_of_longest(shapes, load, units, steps)
 
 
 def _numbers(values):

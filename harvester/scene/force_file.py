@@ -6,9 +6,10 @@ from typing import Any
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import shown
-from harvester.excitation.profiles import with_profile
+from harvester.excitation.profiles import write_out_profile
 from harvester.records.points import read_points
 from harvester.records.quantities import QUANTITIES
+from harvester.scene.toml import parts_of
 
 # Kind of file and the quantities of its two columns, by the key.
 TABLES = {
@@ -17,40 +18,28 @@ TABLES = {
 }
 
 
-def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """A scene's tables with the points of the files that its keys of points name.
+def read_points_of(tables: dict[str, Any], origin: str) -> None:
+    """Put the points of files in the place of the files' names in a scene's tables.
 
-    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
+    In `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
     that is named is written out.
 
     Raises SceneError if the file cannot be read, a line of it holds no two numbers, or its heading
     contradicts the scene.
     """
-    tables = dict(tables)
-    for table, key in (("oscillator", "force_table"), ("excitation", "breakpoints")):
-        if isinstance(tables.get(table), dict):
-            scaled = tables.get("units") == "scaled"
-            tables[table] = _read(tables[table], key, scaled, f"{origin}: {table}")
-    return tables
-
-
-def _read(table, key, scaled, where):
-    """A table, and its `parts`, in which a file's name is replaced by the points of the file."""
-    table = with_profile(dict(table), where)
-    if isinstance(table.get(key), str):
-        try:
-            unit = table.get("unit")
-            if not isinstance(unit, str | None):
-                raise SceneError(f"unit = {shown(unit)}: must be a text")
-            table |= _points(table[key], key, unit, scaled)
-        except SceneError as fault:
-            raise SceneError(f"{where}.{key}: {fault}") from None
-    if isinstance(table.get("parts"), list):
-        table["parts"] = [
-            _read(part, key, scaled, f"{where}.parts[{k}]") if isinstance(part, dict) else part
-            for k, part in enumerate(table["parts"])
-        ]
-    return table
+    scaled = tables.get("units") == "scaled"
+    for name, key in (("oscillator", "force_table"), ("excitation", "breakpoints")):
+        for where, table in parts_of(tables.get(name), f"{origin}: {name}"):
+            write_out_profile(table, where)
+            if not isinstance(table.get(key), str):
+                continue
+            try:
+                unit = table.get("unit")
+                if not isinstance(unit, str | None):
+                    raise SceneError(f"unit = {shown(unit)}: must be a text")
+                table |= _points(table[key], key, unit, scaled)
+            except SceneError as fault:
+                raise SceneError(f"{where}.{key}: {fault}") from None
 
 
 def _points(file, key, unit, scaled):

@@ -113,7 +113,7 @@ def _kind(name):
 
 def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, Any]:
     """A table with these keys, none of which must be there."""
-    properties = {name: _value(spec) | _told(spec) for name, spec in keys.items()}
+    properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
     return {
         "type": "object", "properties": {**properties, **more}, "additionalProperties": False
     }  # fmt: skip

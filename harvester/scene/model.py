@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import hashlib
 import html
@@ -22,12 +23,12 @@ from harvester.device.keys import SI, Table, computed, table
 from harvester.device.terminals import TransducerTable
 from harvester.excitation.base import Excitation, Run
 from harvester.scene.drawn import without_drawn
-from harvester.scene.force_file import with_points
+from harvester.scene.force_file import read_points_of
 from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables, transducer_of
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.tables import TRANSDUCERS, Load, Oscillator, Start, Stopper, all_tables
-from harvester.scene.toml import plain_tables
+from harvester.scene.toml import parts_of, plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
 # Loads whose own values are for scaled scenes, with those that an SI scene has to give.
@@ -105,7 +106,8 @@ class Scene(Table):
         scene holds its content. The netlist of a scene that is `changed` is not read again, and
         its records must be as they were.
         """
-        tables = {"run": {}, **with_points(plain_tables(tables, origin), origin)}
+        tables = {"run": {}, **plain_tables(tables, origin)}
+        read_points_of(tables, origin)
         parts = check_tables(tables, origin)
         top, transducer = parts.pop(""), transducer_of(parts)
         if parts["load"].netlist is not None:
@@ -211,7 +213,10 @@ class Scene(Table):
         """
         if not isinstance(content, dict):
             raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
-        tables = _without_digests({k: v for k, v in content.items() if k != "name"})
+        tables = copy.deepcopy({k: v for k, v in content.items() if k not in ("name", "sha256")})
+        # Without its digest a record is read again.
+        for _, excitation in parts_of(tables.get("excitation")):
+            excitation.pop("sha256", None)
         name = str(content.get("name", "scene"))
         scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
         if scene.digest() != content.get("sha256"):
@@ -342,15 +347,6 @@ def _with_circuit(load, folders, units, origin, changed):
             f"give {', '.join(sorted(needed))} in load.parameters, or take another load"
         )
     return replace(load, circuit=circuit)
-
-
-def _without_digests(values):
-    """Plain values without the digests of files, which are then read again."""
-    if isinstance(values, list):
-        return [_without_digests(value) for value in values]
-    if not isinstance(values, dict):
-        return values
-    return {key: _without_digests(value) for key, value in values.items() if key != "sha256"}
 
 
 def _plain(part, without):

@@ -8,7 +8,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import named, nearest
 from harvester.device.beam.lumped import Beam
 from harvester.device.keys import NUMBER, Key, class_of
-from harvester.scene.tables import Oscillator, all_tables
+from harvester.scene.tables import KINDS, Oscillator, rows_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -24,11 +24,10 @@ def numbers(scene: Scene) -> dict[str, Any]:
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
     """
-    tables = scene.to_tables()
     values: dict[str, Any] = {}
-    for name, classes in all_tables().items():
+    for name, cls, content in rows_of(scene.to_tables()):
         if name != "run":
-            _collect(values, name, tables.get(name, {}), classes)
+            _collect(values, name, cls, content)
     # Every scene without a drawing has this key. It is left out where it is 1.
     if scene.beam:
         for name, value in scene.beam.default_values().items():
@@ -57,17 +56,14 @@ def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     return available[key]
 
 
-def _collect(collected, name, values, classes):
-    """Add what a table, or each of several, holds."""
-    if isinstance(values, (list, tuple)):
-        for index, table in enumerate(values):
-            _collect(collected, f"{name}[{index}]", table, classes)
-        return
-    for key, spec in class_of(classes, values).KEYS.items():
+def _collect(collected, name, cls, values):
+    """Add the numbers that a table holds."""
+    for key, spec in cls.KEYS.items():
         if key not in values or key in NOT_VARIED:
             continue
         if spec.element and spec.element.kind is dict:
-            _collect(collected, f"{name}.{key}", values[key], classes)
+            for index, part in enumerate(values[key]):
+                _collect(collected, f"{name}.{key}[{index}]", class_of(KINDS, part), part)
         elif spec.element == NUMBER and name == "oscillator":
             collected |= {
                 f"{name}.{key}[{n}]": (value, spec.element) for n, value in enumerate(values[key])

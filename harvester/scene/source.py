@@ -13,7 +13,7 @@ from harvester.base.reading import read_input
 from harvester.device.keys import every_key
 from harvester.scene.overrides import check_kept, parsed, put, texts
 from harvester.scene.tables import all_tables
-from harvester.scene.toml import LARGEST_SCENE, read_toml
+from harvester.scene.toml import LARGEST_SCENE, parts_of, read_toml
 
 # Keys that may name a file.
 FILES = {
@@ -39,25 +39,17 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
     except UnicodeDecodeError as error:
         raise SceneError(f"{where}: not a TOML file: {error}; save it as UTF-8") from None
     tables = read_toml(text, where)
-    _locate_files(tables.get("excitation"), path.parent)
-    _locate_files(tables.get("oscillator"), path.parent)
+    for name in ("excitation", "oscillator"):
+        for _, table in parts_of(tables.get(name)):
+            # Files that a scene names are relative to its own folder.
+            for key in FILES & {*table}:
+                if isinstance(table[key], str):
+                    table[key] = str(path.parent / table[key])
     changes = dict(map(parsed, texts(overrides)))
     for key, value in changes.items():
         put(tables, key, value, "--set")
     check_kept(tables, changes)
     return tables, path
-
-
-def _locate_files(table, folder):
-    """Make the files that a scene names relative to its own folder; faults are left alone."""
-    if not isinstance(table, dict):
-        return
-    for key in FILES:
-        if isinstance(table.get(key), str):
-            table[key] = str(folder / table[key])
-    parts = table.get("parts")
-    for part in parts if isinstance(parts, list) else ():
-        _locate_files(part, folder)
 
 
 def _find(source):

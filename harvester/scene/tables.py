@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import field
 from typing import Any, ClassVar
 
@@ -22,6 +23,7 @@ from harvester.device.keys import (
     NamedValues,
     OneOf,
     Table,
+    class_of,
     every_key,
     key,
     not_negative,
@@ -214,6 +216,16 @@ def all_tables() -> dict[str, Any]:
         "beam": Beam, "magnets": Magnets, "oscillator": Oscillator, "stoppers": Stopper,
         **TRANSDUCERS, "load": Load, "start": Start, "excitation": KINDS, "run": Run,
     }  # fmt: skip
+
+
+def rows_of(tables: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Name, class and values of every table; each of several is `name[k]`."""
+    for name, classes in all_tables().items():
+        content = tables.get(name, ())
+        if isinstance(content, dict):
+            yield name, class_of(classes, content), content
+        else:
+            yield from ((f"{name}[{k}]", classes, values) for k, values in enumerate(content))
 
 
 def key_named(dotted: str) -> Key:

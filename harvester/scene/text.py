@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.plain_text import one_line
-from harvester.scene.tables import key_named
+from harvester.scene.tables import key_named, rows_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -40,17 +40,12 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
 def key_comments(scene: Scene) -> dict[str, str]:
     """Comments on all keys of a scene: unit and description."""
     comments = {}
-    for name, content in scene.to_tables().items():
-        rows = {name: content} if isinstance(content, dict) else {}
-        if not rows and _is_table(content):
-            rows = {f"{name}[{index}]": row for index, row in enumerate(content)}
-        for table, row in rows.items():
-            for key in row:
-                spec = scene.excitation.KEYS.get(key) if table == "excitation" else None
-                spec = spec or key_named(f"{table}.{key}")
-                unit = spec.unit_in(scene.units)
-                words = ("" if unit == "1" else unit, spec.text.replace(":", ",", 1))
-                comments[f"{table}.{key}"] = "  ".join(filter(None, words))
+    for table, cls, values in rows_of(scene.to_tables()):
+        for key in values:
+            spec = cls.KEYS.get(key) or key_named(f"{table}.{key}")
+            unit = spec.unit_in(scene.units)
+            words = ("" if unit == "1" else unit, spec.text.replace(":", ",", 1))
+            comments[f"{table}.{key}"] = "  ".join(filter(None, words))
     return comments
 
 

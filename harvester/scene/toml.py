@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import numbers
 import tomllib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,15 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         return str(value)
 
     return copy(tables, "", 0)
+
+
+def parts_of(table: Any, where: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """A table with its name, then the tables in its `parts` with theirs; faults are left alone."""
+    if isinstance(table, dict):
+        yield where, table
+        parts = table.get("parts")
+        for index, part in enumerate(parts if isinstance(parts, list) else ()):
+            yield from parts_of(part, f"{where}.parts[{index}]")
 
 
 def _plain_number(value):

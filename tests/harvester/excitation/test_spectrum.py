@@ -134,7 +134,7 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"unit": "scaled"}, 'takes "g\\^2/Hz"'),
+        ({"unit": "scaled"}, 'takes one of "g\\^2/Hz"'),
         ({"breakpoints": [[10.0, 1.0], [10.0, 2.0]]}, "frequencies must ascend"),
         ({"breakpoints": [[0.0, 1.0], [10.0, 2.0]]}, "a number > 0"),
         ({"breakpoints": "nowhere.csv"}, "nowhere.csv"),

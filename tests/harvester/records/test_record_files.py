@@ -194,7 +194,11 @@ def test_keys_are_checked_before_the_record_is_read(tmp_path):
     for run in ({}, {"duration": 1.0}):
         for key, value, message in (
             ("scale", 0.0, "excitation.scale = 0: must be another number"),
-            ("unit", "scaled", 'excitation.unit = "scaled": a scene with units = "SI" takes m/s'),
+            (
+                "unit",
+                "scaled",
+                'excitation.unit = "scaled": a scene with units = "SI" takes one of "m/s',
+            ),
         ):
             with pytest.raises(SceneError, match=f"^a: {message}"):
                 Scene.from_tables(

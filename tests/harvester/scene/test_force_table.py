@@ -8,7 +8,7 @@ from device_scenes import MAGNETS
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError, SpringRangeLeft
 from harvester.engines.simulate import simulate
-from harvester.scene.force_file import with_points
+from harvester.scene.force_file import read_points_of
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
@@ -90,7 +90,7 @@ def test_a_number_or_a_unit_with_two_readings_is_refused(tmp_path, text, words):
     (tmp_path / "two.csv").write_text(text)
     tables = {"units": "SI", "oscillator": {"force_table": str(tmp_path / "two.csv")}}
     with pytest.raises(SceneError, match=words):
-        with_points(tables, "a")
+        read_points_of(tables, "a")
 
 
 def test_a_file_that_is_not_there_is_named():
