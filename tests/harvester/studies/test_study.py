@@ -431,7 +431,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     optimum, place = found.optima[0]
     assert place == optimum.best == 0
     _, (row,) = found.table()
-    assert "at 40 not ranked: its stores, not the device, deliver " in row[-1]
+    assert "at 40 not ranked: its stores, not the device, feed the output" in row[-1]
     # Hollow in every figure is the point that is not ranked, error bar or not.
     for figure in found.figures()[:2]:
         (axes,) = figure.axes
