@@ -398,9 +398,9 @@ class Result(ResultBase):
         sentences = [self.engine_version]
         if self.simulated_time > 0.0:
             sentences.append(
-                f"{self.realizations} × {self.simulated_time / self.realizations:.6g} s, "
-                f"{count(self.steps)} steps of at most {quantity(self.step or 0.0, 's', 3)}, "
-                f"seed {self.scene.run.seed}"
+                f"{self.realizations} × {self.simulated_time / self.realizations:.6g} s, measured "
+                f"from {self.scene.run.settle:g} s on, {count(self.steps)} steps of at most "
+                f"{quantity(self.step or 0.0, 's', 3)}, seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
             sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")

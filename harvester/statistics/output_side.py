@@ -236,6 +236,16 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
     }
 
 
+def taken_by_sources(moments: Sequence[Any]) -> dict[str, float]:
+    """Mean power (scaled) that each source of the load takes, by name; none that delivers."""
+    batches = complete_batches(moments)
+    if batches is None or not all(m.has_output for m in moments):
+        return {}
+    time = float(batches[:, :, PIEZO_QUANTITIES.index("time")].sum())
+    powers = {name: float(series.sum()) / time for _, name, series in _sources(moments)}
+    return {name: power for name, power in powers.items() if power > 0.0}
+
+
 def _sources(moments):
     for row, (kind, name) in enumerate(moments[0].output.rows):
         if kind in (OUTPUT, SUPPLY, BATTERY):

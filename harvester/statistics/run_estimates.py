@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from circuits.netlist.kinds import OUTPUT
 from circuits.netlist.load_notes import reading_notes
 from harvester.base.errors import SceneError
+from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
 from harvester.statistics.balance import device_storage, energy_balance_residual
@@ -29,7 +31,7 @@ from harvester.statistics.batch_means import (
 from harvester.statistics.estimate import TOO_SHORT
 from harvester.statistics.measures import without_value
 from harvester.statistics.moments import QUANTITIES
-from harvester.statistics.output_side import estimate_output, step_sizes
+from harvester.statistics.output_side import estimate_output, step_sizes, taken_by_sources
 from harvester.statistics.passivity import (
     efficiency_notes,
     faint_output_notes,
@@ -169,6 +171,7 @@ def run_estimates(
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
+        *_sinks(scene, moments, scales.of("power")),
         *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
         *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
         *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
@@ -208,6 +211,23 @@ def _with_lengths(scene, moments, whole, memory):
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
         for name, estimate in whole.items()
     }
+
+
+def _sinks(scene, moments, scale):
+    """A note on currents across the output that take power and count as a loss of the load."""
+    load = scene.load.circuit
+    if load is None or not load.has_output or any(m.kind == OUTPUT for m in load.measures):
+        return ()
+    taken = taken_by_sources(moments)
+    return tuple(
+        f"{part.name} takes {quantity(scale * taken[name], unit_of(scene, 'power'), 3)} at the "
+        "output, which counts as converter loss, as only resistors there are the output: to count "
+        "it, write * measure: output NAME = watts"
+        for part in load.elements
+        if (name := part.name.replace(".", "_")) in taken
+        and not part.voltage
+        and {*part.nodes[:2]} == {*load.pins[2:]}
+    )
 
 
 def _without_value(load, moments):

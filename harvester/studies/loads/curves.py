@@ -77,7 +77,7 @@ def optimum_of(
         return CurveOptimum(best, note=EDGE)
     near = [best - 1, best, best + 1]
     if not (heights[near] > 0.0).all():
-        return CurveOptimum(best, note="a neighbour has no value: no interval")
+        return CurveOptimum(best, note="a neighbour is not ranked: no interval")
     logarithmic = min(places) > 0.0
     axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))

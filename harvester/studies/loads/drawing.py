@@ -107,7 +107,7 @@ def _draw(study, label, value, more):
     return draw_panels(
         panels,
         f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
-        "bars: two standard errors; a point without one has no error bar",
+        "bars: two standard errors",
     )
 
 

@@ -91,6 +91,21 @@ def test_logic_stores_no_energy_of_the_load_and_a_converter_feeds_its_own_side(t
     assert [each.name for each in load.supplies] == ["b1_and_b2_and_b3_and_b4"]
 
 
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_current_across_the_output_says_that_it_counts_as_a_loss(tmp_path, pool, measured):
+    sink = "Cb rail ref 1u ic=3\nRo rail out 1\nB1 out ref I=20u*v(out,ref)\n"
+    measure = "* measure: output node = 20u*v(out,ref)^2" * measured
+    path = written(tmp_path, sink + measure)
+    scene = Scene.read("device", [f'load.netlist="{path}"', "run.duration=1", "run.realizations=1"])
+    result = simulate(scene, method="monte-carlo", runner=pool)
+    notes = [note for note in result.notes if "which counts as converter loss" in note]
+    assert len(notes) == (not measured)
+    if notes:
+        assert notes[0].startswith("b1 takes ")
+    resistor = result["output_voltage"].estimate ** 2 / 1e6
+    assert (result["mean_output_power"].estimate > 15.0 * resistor) is measured
+
+
 LOADS = {
     # A supercapacitor of two branches, all of it behind series resistances.
     "supercapacitor": (

@@ -197,6 +197,23 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
     assert math.isnan(proof.early_standard_error) == (failing == 3)
 
 
+def test_on_one_path_only_the_steps_of_the_engines_differ(linear, monkeypatch):
+    """A single batch has no scatter: under noise no error, on a deterministic path the steps'."""
+    monkeypatch.setattr(proof_module, "answers_before_failure", lambda found: (found, ""))
+    monkeypatch.setattr(proof_module, "series_of", lambda _, good: good)
+    sine = linear.replace({"excitation": {"kind": "sine", "amplitude": 1.0, "frequency": 0.2}})
+    ours = np.ones((1, 1))
+    for scene, error, reason in (
+        (sine, 5e-3, ""),
+        (linear, math.nan, "too short for an error bar"),
+    ):
+        found = proof_module._difference(scene, (3e-3, 4e-3), ours, 1.01 * ours)
+        assert found[:2] == pytest.approx((0.01, error), nan_ok=True)
+        assert found[2] == reason
+    (task,) = proof_module._tasks(sine, 64, MonteCarlo(), "")
+    assert len(task.arguments["indices"]) == 1
+
+
 @pytest.mark.slow
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
     """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
@@ -414,7 +431,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     optimum, place = found.optima[0]
     assert place == optimum.best == 0
     _, (row,) = found.table()
-    assert "at 40 not ranked: its stores, not the device, deliver " in row[-1]
+    assert "at 40 not ranked: its stores, not the device, feed the output" in row[-1]
     # Hollow in every figure is the point that is not ranked, error bar or not.
     for figure in found.figures()[:2]:
         (axes,) = figure.axes
