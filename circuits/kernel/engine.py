@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from circuits.kernel import stepping
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.mechanics import device_of
+from circuits.kernel.memory import SLOTS
 from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
@@ -25,7 +26,7 @@ from harvester.base.compilation import numba
 from harvester.base.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.device import contact, system, timescales
 from harvester.device.record import Record, empty_record, part
-from harvester.scene.lines import line_frequency
+from harvester.scene.lines import exact_frequencies
 from harvester.scene.steps import (
     CRAWL,
     LARGEST_VOLTAGE,
@@ -105,10 +106,10 @@ def run_realizations(
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     refinement = fixed / steps_per_sample(ready, engine="monte-carlo")
-    stop, line = stop_time(ready), line_frequency(ready)
+    stop, lines = stop_time(ready), exact_frequencies(ready)
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
-            s, circuit, path, start, stop, fixed, in_contact, refinement, line
+            s, circuit, path, start, stop, fixed, in_contact, refinement, lines
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
@@ -141,7 +142,7 @@ def integrate(
     steps_per_sample: int = 1,
     steps_per_contact: int = STEPS_PER_CONTACT,
     refinement: float = 1.0,
-    line: float = 0.0,
+    lines: Sequence[tuple[float, float]] = ((0.0, 0.0),),
 ) -> Iterator[tuple[Record, np.ndarray]]:
     """Integrate the device with its load along a noise path.
 
@@ -162,8 +163,9 @@ def integrate(
         Number by which the default step is divided. A step's tolerated error goes with its square,
         down to what Newton's iterations leave: else where the error alone sets the steps a finer
         grid would change nothing.
-    line : float
-        Angular frequency at which the device's motion is to be exact (rad/s); 0: none.
+    lines : sequence of (float, float)
+        Times (s) from which the device's motion is to be exact at an angular frequency (rad/s; 0:
+        none), the first 0.
 
     Yields
     ------
@@ -182,7 +184,7 @@ def integrate(
     device, state = device_of(s), _beginning(s, circuit, start)
     state.scalars[0].strictness = min(max(refinement, 1.0), FINEST) ** 4
     state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_sample
-    state.scalars[0].line = line
+    turns = [(round(time / path.spacing), line) for time, line in lines]
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK + 72))
     spent, reached, plan = time.thread_time(), 0.0, NO_BREAKPOINTS
@@ -194,8 +196,11 @@ def integrate(
             plan = moves.plan(done * steps_per_sample, count * steps_per_sample)
             spent = time.thread_time()
         while segment < count:
+            if turns and done + segment >= turns[0][0]:
+                _make_exact(state, turns.pop(0)[1])
+            end = min(count, turns[0][0] - done) if turns else count
             segment, points, outcome, which = advance(
-                device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
+                device, circuit.tables, circuit.probes, state, edges, block, segment, end, done,
                 path.spacing, steps_per_sample, steps_per_contact, plan, record, output,
             )  # fmt: skip
             now = state.scalars[0].time
@@ -208,6 +213,13 @@ def integrate(
             if outcome != FINE:
                 raise _trouble(circuit, state, outcome, which)
             yield part(record, 0, points), output[:, :points]
+
+
+def _make_exact(state, line):
+    """Make the steps exact at another angular frequency, and forget what was made for the last."""
+    scalars = state.scalars[0]
+    scalars.line, scalars.timed_for = line, np.nan
+    state.keys[:SLOTS] = np.nan
 
 
 def _trouble(circuit, state, outcome, which):

@@ -24,7 +24,7 @@ from harvester.engines.following import (
 from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
 from harvester.scene.paths import distinct_realizations, start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import step_error
+from harvester.scene.steps import step_error, susceptance
 from harvester.statistics.attractors import (
     NEARLY_CONVERGED,
     QUANTITIES,
@@ -240,7 +240,8 @@ def _power(motion):
 def _on_cycle(scene, samples, cost):
     """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
     estimates = {}
-    pairs = means_of(samples, scene.excitation.period, cost, memory_of(prepared(scene))).T
+    ready, period = prepared(scene), scene.excitation.period
+    pairs = means_of(samples, period, cost, memory_of(ready), susceptance(ready)).T
     for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
         value, error = map(float, pair)
         estimates[name] = Estimate(value, error, None, dimension)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
+from harvester.excitation.sine import SteppedSine
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -47,6 +48,17 @@ def line_frequency(ready: Prepared) -> float:
         return 0.0
     omega = timescales.angular_frequency(system)
     return omega if _half_width(system, omega) < NARROW else 0.0
+
+
+def exact_frequencies(ready: Prepared) -> list[tuple[float, float]]:
+    """Times (s) from which steps are to be exact at an angular frequency (rad/s; 0: none)."""
+    excitation = ready.scene.excitation
+    if isinstance(excitation, SteppedSine):
+        return [
+            (number * excitation.dwell, 2.0 * math.pi * frequency)
+            for number, frequency in enumerate(excitation.frequencies)
+        ]
+    return [(0.0, line_frequency(ready))]
 
 
 @functools.lru_cache(maxsize=64)

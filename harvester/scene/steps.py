@@ -47,6 +47,10 @@ LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
 # Relative error of a power with contacts, times the square of the steps per contact. One stopper
 # under noise cost 0.04 to 0.07 % at 26 steps, and a sixteenth of that at 104.
 CONTACT_ERROR = 0.7
+# A netlist's power below this share of the apparent power ω C V² is a small difference of large
+# ones: steps cost it more, by the root of how far it is below. A doubler off its resonance at 1/130
+# of it was wrong by five times the usual error, at 1/26 by three times.
+FAINT_SHARE = 0.2
 # Steps become finer for a line by at most this factor.
 FINER_NEAR_LINES = 3.0
 # Share of a power that default steps may cost by misplaced frequencies of noise and records. A band
@@ -190,6 +194,23 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
         steps = steps_per_sample(ready, step, engine)
         cost = max(cost, steady_error(ready, knot_spacing(ready), steps))
     return cost
+
+
+def susceptance(ready: Prepared) -> float:
+    """Apparent power over the mean-square voltage (scaled) of a netlist under sines.
+
+    0 for a resistor, and without sines.
+    """
+    omega, network = lines.line_frequency(ready), ready.network
+    if ready.scene.load.is_resistor or not ready.scene.excitation.lines:
+        return 0.0
+    unit = network.power_unit * ready.scales.voltage**2
+    return omega * network.reference_capacitance * unit
+
+
+def faintness(apparent: float, power: float) -> float:
+    """Factor by which steps cost a power more than `step_error`, from 1 on; see `FAINT_SHARE`."""
+    return math.sqrt(max(FAINT_SHARE * apparent / power, 1.0)) if power > 0.0 else 1.0
 
 
 def _noise_error(ready, engine, length):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harvester.scene.steps import faintness
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.stroboscope import STATE
 
@@ -142,7 +143,9 @@ def stretch_of(period: int, count: int) -> int:
     return int(STRETCH * (count - 1)) // period * period
 
 
-def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
+def means_of(
+    samples: np.ndarray, seconds: float, steps: float, memory: float, reactive: float = 0.0
+) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
     Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
@@ -158,6 +161,8 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         Share of a mean that the steps may cost.
     memory : float
         As in `transients`.
+    reactive : float
+        Apparent power over the mean-square voltage, see `harvester.scene.steps.susceptance`.
     """
     rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
     (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
@@ -170,7 +175,9 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         means = rates.mean(axis=(0, 1))
         scatters = [standard_error(rates[:, :, k]) for k in range(means.size)]
         errors = np.array([math.nan if scatter is None else scatter for scatter in scatters])
-    errors = np.hypot(errors, steps * means)
+    costs = steps * means
+    costs[0] *= faintness(reactive * means[1], means[0])
+    errors = np.hypot(errors, costs)
     roots = np.sqrt(means[1:])
     errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
     return np.array([[means[0], *roots], errors])

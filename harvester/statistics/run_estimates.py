@@ -16,6 +16,7 @@ from harvester.base.errors import SceneError
 from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
+from harvester.scene.steps import faintness, susceptance
 from harvester.statistics.balance import device_storage, energy_balance_residual
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
@@ -143,7 +144,6 @@ def run_estimates(
         )
     step_error = max(step_error, *(m.step_error for m in moments))
     spread = max(m.spread for m in moments)
-    path_error = math.hypot(step_error, spread)
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
@@ -159,6 +159,9 @@ def run_estimates(
     estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     estimates |= device_storage(moments, balanced, system, error)
     estimates |= estimate_strain(balanced, scene.excitation, error)
+    square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
+    step_error *= faintness(susceptance(ready) * square, power)
+    path_error = math.hypot(step_error, spread)
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
     estimates = {
         name: with_steps(scene, estimate, path_error, memory, sizes.get(name))

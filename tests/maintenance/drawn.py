@@ -379,7 +379,8 @@ def _frequency_response(case, scene, pool):
         power = float(found.values("mean_power", up)[k])
         residual = float(up.residual[k])
         why = f"residual {residual:.1e}" if not residual <= 0.01 else ""
-        checks.append(Check(f"at {f:.4g} Hz:", power, None, truths, why))
+        bar = float(up.step_error[k]) * power
+        checks.append(Check(f"at {f:.4g} Hz:", power, bar, truths, why))
         if why:
             checks[-1] = checks[-1]._replace(value=math.nan)
     return checks

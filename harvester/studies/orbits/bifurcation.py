@@ -30,7 +30,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import step_error
+from harvester.scene.steps import step_error, susceptance
 from harvester.scene.tables import key_column, key_label
 from harvester.statistics.attractors import QUANTITIES, means_of
 from harvester.statistics.estimate import Estimate
@@ -378,7 +378,9 @@ def _branch(scenes, engine, direction, samples):
         if motion not in UNSTEADY:
             ready, seconds = prepared(scene), float(scene.excitation.period)
             steps, memory = step_error(ready, engine.step, engine.name), memory_of(ready)
-            values[k] = means_of(samples[k : k + 1], seconds, steps, memory)
+            per_square = ready.scales.of("power") / ready.scales.of("voltage") ** 2
+            reactive = susceptance(ready) * per_square
+            values[k] = means_of(samples[k : k + 1], seconds, steps, memory, reactive)
             periods[k] = period
     means, errors = values.transpose(1, 2, 0)
     section = np.where(np.isfinite(samples), samples, np.nan)[:, 1:, :2]

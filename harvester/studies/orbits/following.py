@@ -29,7 +29,7 @@ from harvester.results.orbit import (
 )
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import step_error
+from harvester.scene.steps import step_error, susceptance
 from harvester.statistics.attractors import (
     CONVERGED,
     NEARLY_CONVERGED,
@@ -242,7 +242,7 @@ def orbits_of(
         which[members] = number
         period = None if exponent else len(points)
         kind = f"period {period}" if period else "chaotic"
-        values = means_of(orbit_samples, seconds, steps, memory) * units
+        values = means_of(orbit_samples, seconds, steps, memory, susceptance(ready)) * units
         section = points[:, :2] * size
         name = orbit_name(number)
         orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
