@@ -22,7 +22,7 @@ LONGEST = 1e7
 ROUNDED_COUNT = 1000.0
 
 
-class Number(str):
+class Printed(str):
     """A printed number that keeps its value, its standard error and its unit.
 
     Tables of results hold them: a terminal prints the text, a data frame takes the value.
@@ -38,7 +38,7 @@ class Number(str):
 
     def __new__(
         cls, text: str, value: float = math.nan, error: float | None = None, unit: str = ""
-    ) -> Number:
+    ) -> Printed:
         printed = super().__new__(cls, text)
         printed.value, printed.error, printed.unit = value, error, unit
         return printed
@@ -53,13 +53,13 @@ class Estimated(Protocol):
     def standard_error(self) -> float | None: ...
 
 
-def with_error(estimate: Estimated, unit: str = "") -> Number:
+def with_error(estimate: Estimated, unit: str = "") -> Printed:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
     factor, symbol = prefixed(largest(estimate), unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
     bare = text.removesuffix(NO_ERROR_BAR)
-    return Number(f"{bare} {symbol}".rstrip() + text[len(bare) :], value, error, unit)
+    return Printed(f"{bare} {symbol}".rstrip() + text[len(bare) :], value, error, unit)
 
 
 def largest(estimate: Estimated) -> float:
@@ -68,7 +68,7 @@ def largest(estimate: Estimated) -> float:
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
 
-def value_and_error(value: float, error: float | None) -> Number:
+def value_and_error(value: float, error: float | None) -> Printed:
     """ "0.02745 ± 0.00012"; an error of 0 is left out, one below the value's last digit bounded.
 
     Examples
@@ -82,7 +82,7 @@ def value_and_error(value: float, error: float | None) -> Number:
     >>> value_and_error(32.4, 0.0), value_and_error(7e-14, 0.3)
     ('32.4', '0.00 ± 0.30')
     """
-    return Number(_value_and_error(value, error), value, error)
+    return Printed(_value_and_error(value, error), value, error)
 
 
 def _value_and_error(value, error):
@@ -107,15 +107,15 @@ def _value_and_error(value, error):
     return f"{text.lstrip('-') if float(text) == 0.0 else text} ± {error:.{places}f}"
 
 
-def share_with_error(estimate: Estimated, sign: bool = True) -> Number:
+def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
     """A share in percent: "+0.15 ± 0.02 %"."""
     share, error = estimate.estimate, estimate.standard_error
     if not math.isfinite(share):
-        return Number(NOT_KNOWN)
+        return Printed(NOT_KNOWN)
     value = 100.0 * share
     text = f"{value:.2f}" if error is None else _value_and_error(value, 100.0 * error)
     plus = "+" if sign and text[0] != "(" and float(text.split()[0]) > 0.0 else ""
-    return Number(f"{plus}{text} %", share, error, "1")
+    return Printed(f"{plus}{text} %", share, error, "1")
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
@@ -144,13 +144,13 @@ def in_print(unit: str) -> str:
     return "" if unit == "1" else unit.replace("^2", "²").replace("^-1", "⁻¹")
 
 
-def quantity(value: float, unit: str = "", digits: int = 4) -> Number:
+def quantity(value: float, unit: str = "", digits: int = 4) -> Printed:
     """ "27.3 kΩ": a value without an error, rounded to `digits` digits."""
     factor, symbol = prefixed(value, unit)
-    return Number(f"{_number(factor * value, digits)} {symbol}".rstrip(), value, None, unit)
+    return Printed(f"{_number(factor * value, digits)} {symbol}".rstrip(), value, None, unit)
 
 
-def number(value: float, digits: int = 4) -> Number:
+def number(value: float, digits: int = 4) -> Printed:
     """A plain number; a dash where there is none.
 
     Examples
@@ -158,7 +158,7 @@ def number(value: float, digits: int = 4) -> Number:
     >>> number(139247.7), number(1.392e-5), number(2.5e9)
     ('139200', '1.392e-05', '2.5e+09')
     """
-    return Number(_number(value, digits), value)
+    return Printed(_number(value, digits), value)
 
 
 def _number(value, digits):
@@ -168,14 +168,14 @@ def _number(value, digits):
     return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
 
 
-def count(size: float | None) -> Number:
+def count(size: float | None) -> Printed:
     """How many there are: "below 1", 96, 9,100,000."""
     if size is None or not math.isfinite(size):
-        return Number("")
+        return Printed("")
     if size < 1.0:
-        return Number("below 1", size)
+        return Printed("below 1", size)
     exact = size < ROUNDED_COUNT
-    return Number(f"{size:.0f}" if exact else f"{float(f'{size:.1e}'):,.0f}", size)
+    return Printed(f"{size:.0f}" if exact else f"{float(f'{size:.1e}'):,.0f}", size)
 
 
 def is_share(name: str) -> bool:

@@ -106,19 +106,19 @@ def _write_folder(folder, name, result):
     from harvester.base.writing import in_folder, write_json, write_text
     from harvester.results import figures
 
-    def place(ending):
+    def file(ending):
         return in_folder(folder, f"{name}{ending}")
 
     view = result.view()
-    write_json(place(".json"), result.to_dict())
-    result.to_csv(place(".csv"))
+    write_json(file(".json"), result.to_dict())
+    result.to_csv(file(".csv"))
     # NetCDF is an extra; the other files hold the same.
     if view.dataset and importlib.util.find_spec("xarray"):
-        write_netcdf(place(".nc"), view.dataset())
+        write_netcdf(file(".nc"), view.dataset())
     for ending, text in view.texts().items() if view.texts else ():
-        write_text(place(ending), text)
+        write_text(file(ending), text)
     for picture in view.pictures:
         figure = picture.figure()
         if figure is not None:
-            figures.write(figure, place(f"{picture.name and '-'}{picture.name}.png"))
+            figures.write(figure, file(f"{picture.name and '-'}{picture.name}.png"))
     say(f"written to {folder}: {name}.*")

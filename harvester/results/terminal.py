@@ -9,7 +9,7 @@ import numpy as np
 from rich import box
 from rich.table import Table as RichTable
 
-from harvester.base.formatting import Number
+from harvester.base.formatting import Printed
 from harvester.base.plain_text import one_line
 from harvester.results.view import Table
 
@@ -84,7 +84,7 @@ def _with_footnotes(rows, keys):
     for row in rows:
         cells = [one_line(cell) for cell in row]
         for k in range(keys, len(cells)):
-            if len(cells[k]) > LONGEST_CELL and not isinstance(row[k], Number):
+            if len(cells[k]) > LONGEST_CELL and not isinstance(row[k], Printed):
                 cells[k] = f"[{numbers.setdefault(cells[k], len(numbers) + 1)}]"
         shortened.append(cells)
     return shortened, [f"[{number}] {text}" for text, number in numbers.items()]
@@ -93,13 +93,13 @@ def _with_footnotes(rows, keys):
 def _blocks(widths: Sequence[int], keys: int, width: int) -> Iterator[list[int]]:
     """Numbers of the columns of each block."""
     start = sum(widths[k] + GAP for k in range(keys)) + MARGIN
-    columns, taken = list(range(keys)), start
+    columns, filled = list(range(keys)), start
     for k in range(keys, len(widths)):
-        if len(columns) > keys and taken + widths[k] + GAP > width:
+        if len(columns) > keys and filled + widths[k] + GAP > width:
             yield columns
-            columns, taken = list(range(keys)), start
+            columns, filled = list(range(keys)), start
         columns.append(k)
-        taken += widths[k] + GAP
+        filled += widths[k] + GAP
     yield columns
 
 

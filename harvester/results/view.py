@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import Number
+from harvester.base.formatting import Printed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import json_text, named, nearest, one_line
 from harvester.base.serialising import fields_of
@@ -71,7 +71,7 @@ class View:
     Attributes
     ----------
     table : Table
-        For people; its cells are text or `harvester.base.formatting.Number`.
+        For people; its cells are text or `harvester.base.formatting.Printed`.
     findings : sequence of str
         Sentences: what was found, how it was obtained, what to know before citing a number.
     headline : str
@@ -238,7 +238,7 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     columns: list[list[Any]] = []
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]
-        printed = [cell for cell in cells if isinstance(cell, Number)]
+        printed = [cell for cell in cells if isinstance(cell, Printed)]
         units = {cell.unit for cell in printed if cell.unit and math.isfinite(cell.value)}
         bare, unit = _name_and_unit(name)
         unit = unit or (units.pop() if len(units) == 1 else "")
@@ -252,7 +252,7 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
 
 
 def _value(cell):
-    return cell.value if isinstance(cell, Number) else cell
+    return cell.value if isinstance(cell, Printed) else cell
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

@@ -141,8 +141,8 @@ class Residence(ResultBase):
     def _headline(self):
         stay = self.stays[0]
         where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
-        place = quantity(stay.well, unit_of(self.scene, "displacement"))
-        return f"mean residence time {_time_text(stay)} s in the well at {place}{where}"
+        well = quantity(stay.well, unit_of(self.scene, "displacement"))
+        return f"mean residence time {_time_text(stay)} s in the well at {well}{where}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
