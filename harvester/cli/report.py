@@ -14,7 +14,6 @@ from harvester.results.page import (
     wide,
 )
 from harvester.results.view import ResultBase
-from harvester.results.waveform import Waveform
 from harvester.scene.described import scene_rows
 
 
@@ -25,7 +24,7 @@ def page_of(result: ResultBase, title: str) -> str:
         return view.page()
     scene = result.scene
     waveform = getattr(result, "waveform", None)
-    drawn = [*view.pictures, *([waveform.picture()] if isinstance(waveform, Waveform) else [])]
+    drawn = [*view.pictures, *(waveform.view().pictures if waveform else ())]
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),

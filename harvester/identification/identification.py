@@ -194,7 +194,7 @@ class Identification(ResultBase):
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
         if self.impedance:
-            lines += self.impedance.sentences("oscillator.mass" in self.keys)
+            lines += self.impedance.findings("oscillator.mass" in self.keys)
         lines += [
             f"{record.name}: {remark}"
             for record in self.measurements
@@ -312,7 +312,7 @@ class Identification(ResultBase):
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
                 "posterior": self.posterior,
-                **({"impedance": self.impedance.table()} if self.impedance else {}),
+                **({"impedance": self.impedance.parameters()} if self.impedance else {}),
                 "seconds": self.seconds,
             }
         )

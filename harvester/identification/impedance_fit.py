@@ -72,7 +72,7 @@ class FromImpedance:
     values: np.ndarray
     covariance: np.ndarray
 
-    def table(self) -> dict[str, dict[str, Any]]:
+    def parameters(self) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
         branch = self.circuit.numbers(self.mode)
         errors = self.circuit.standard_errors(self.mode)
@@ -86,9 +86,9 @@ class FromImpedance:
             for name, value in branch.items()
         }
 
-    def sentences(self, mass_is_free: bool) -> list[str]:
+    def findings(self, mass_is_free: bool) -> list[str]:
         """The circuit's numbers, its other modes, and what the impedance leaves open."""
-        lines = [f"{self.measured.name}: {_in_words(self.table())}"]
+        lines = [f"{self.measured.name}: {_in_words(self.parameters())}"]
         for mode in range(self.circuit.modes):
             if mode != self.mode:
                 other = self.circuit.numbers(mode)

@@ -11,20 +11,16 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, UnknownQuantity
 from harvester.base.formatting import prefixed, quantity
-from harvester.base.libraries import optional_library
 from harvester.base.plain_text import named, nearest
-from harvester.base.tables import require_xarray, write_csv, write_netcdf
+from harvester.base.tables import require_xarray, write_netcdf
 from harvester.device.record import Record
+from harvester.results import figures
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import set_title
-from harvester.results.view import Picture, shown_in_notebook
+from harvester.results.view import Picture, ResultBase, View
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
-
     from harvester.scene.model import Scene
     from harvester.scene.units import Scales
 
@@ -46,7 +42,7 @@ SMALL_VOLTAGE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
-class Waveform:
+class Waveform(ResultBase):
     """Time series of a realization between two times, in the scene's units.
 
     `waveform["voltage"]` is one of `columns`; the most usual ones are attributes too.
@@ -101,20 +97,29 @@ class Waveform:
         """Current from the terminals into the load."""
         return self.columns["current"]
 
-    def data(self) -> tuple[list[str], list[list[float]]]:
+    def view(self) -> View:
+        """Extremes and rms of each column; a panel for each over time."""
+        rows = [
+            [name.replace("_", " "), *(quantity(float(end), self.units[name]) for end in ends)]
+            for name, values in self.columns.items()
+            if values.size
+            for ends in [(values.min(), values.max(), np.sqrt(np.mean(values**2)))]
+        ]
+        return View(
+            table=(["column", "smallest", "largest", "rms"], rows),
+            findings=[f"{self.engine}: {self.said()}"],
+            pictures=[Picture(_draw, self)],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _records(self):
         """Header with units, and a row for each point."""
         header = ["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)]
         return header, np.column_stack([self.time, *self.columns.values()]).tolist()
 
-    def to_dataframe(self) -> DataFrame:
-        """A DataFrame over `time`; `attrs` has the units. Raises MissingLibrary without pandas."""
-        pandas = optional_library("pandas", "Waveform.to_dataframe", "study")
-        frame = pandas.DataFrame(self.columns, index=pandas.Index(self.time, name="time"))
-        frame.attrs["units"] = {"time": "s", **self.units}
-        return frame
-
-    def to_xarray(self) -> Dataset:
-        """A Dataset over `time`, each `unit` an attribute. Raises MissingLibrary without xarray."""
+    def _dataset(self):
+        """A Dataset over `time`, each `unit` an attribute."""
         variables = {
             name: ("time", values, {"unit": self.units[name]})
             for name, values in self.columns.items()
@@ -122,14 +127,6 @@ class Waveform:
         attributes = {"scene": self.scene.name, "engine": self.engine}
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
         return require_xarray().Dataset(variables, coordinates, attributes)
-
-    def picture(self) -> Picture:
-        """A panel for each column over time."""
-        return Picture(_draw, self)
-
-    def figure(self) -> Figure | None:
-        """The panels, drawn."""
-        return self.picture().figure()
 
     def save(self, path: str | Path) -> None:
         """Write it as CSV, NetCDF or a picture, as the path's ending says.
@@ -139,19 +136,11 @@ class Waveform:
         check_ending(path)
         ending = Path(path).suffix
         if ending == ".csv":
-            write_csv(path, *self.data())
+            self.to_csv(path)
         elif ending == ".nc":
             write_netcdf(path, self.to_xarray())
         else:
-            from harvester.results import figures
-
             figures.write(figures.drawn(_draw, self), path)
-
-    def _repr_html_(self) -> str:
-        return shown_in_notebook(self.picture(), repr(self))
-
-    def __repr__(self) -> str:
-        return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"
 
     def said(self) -> str:
         """Range of time, number of points and columns, in words."""

@@ -79,12 +79,14 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
     chosen = generator.integers(len(means), size=(RESAMPLES, len(means)))
     resampled = _drawn_together(means[chosen], spread[chosen]).reshape(RESAMPLES, -1)
-    spread_ends = variance.estimate, variance.low, variance.high
+    spread_of, *spread_ends = (
+        math.sqrt(max(size, 0.0)) for size in (variance.estimate, *variance.interval)
+    )
     ends = np.quantile(resampled, QUANTILES, axis=1)
     return Population(
         values=devices.ravel(),
         mean=interval(float(means.mean()), resampled.mean(axis=1)),
-        deviation=Interval(*(math.sqrt(max(v, 0.0)) for v in spread_ends)),
+        deviation=Interval(spread_of, (spread_ends[0], spread_ends[1])),
         quantiles={
             q: interval(float(np.quantile(devices, q)), row)
             for q, row in zip(QUANTILES, ends, strict=True)
@@ -129,7 +131,7 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     middle = (share + 0.5 * z * z / effective) / (1.0 + z * z / effective)
     reach = math.sqrt(share * (1.0 - share) / effective + 0.25 * (z / effective) ** 2)
     reach *= z / (1.0 + z * z / effective)
-    interval_of_share = Interval(share, max(middle - reach, 0.0), min(middle + reach, 1.0))
+    interval_of_share = Interval(share, (max(middle - reach, 0.0), min(middle + reach, 1.0)))
     return Yield(limit, interval_of_share, float(counted.mean()), devices)
 
 

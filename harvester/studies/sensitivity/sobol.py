@@ -18,11 +18,8 @@ too; the even cover of Sobol's sequence is not counted on, so they are wide rath
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-
-from harvester.base.serialising import plain
 
 RESAMPLES = 2000
 # An interval holds this share of all resamples.
@@ -34,12 +31,17 @@ class Interval:
     """An estimate with the ends of its 95 % interval."""
 
     estimate: float
-    low: float
-    high: float
+    interval: tuple[float, float]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return plain({"estimate": self.estimate, "interval": [self.low, self.high]})
+    @property
+    def low(self) -> float:
+        """Lower end."""
+        return self.interval[0]
+
+    @property
+    def high(self) -> float:
+        """Upper end."""
+        return self.interval[1]
 
     def __str__(self) -> str:
         return f"{self.estimate:.3f} ({self.low:.3f} … {self.high:.3f})"
@@ -138,4 +140,4 @@ def interval(estimate: float, resampled: np.ndarray) -> Interval:
     """An estimate with the interval that its resamples span."""
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(resampled, [tail, 1.0 - tail])
-    return Interval(estimate, float(low), float(high))
+    return Interval(estimate, (float(low), float(high)))

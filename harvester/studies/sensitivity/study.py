@@ -11,7 +11,7 @@ import numpy as np
 from harvester.base.errors import HarvesterError, OutOfTime
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
 from harvester.base.method import Method
-from harvester.base.serialising import plain
+from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
 from harvester.engines.folder import StudyFolder
 from harvester.engines.request import Request
@@ -212,7 +212,7 @@ class Sensitivity(ResultBase):
                 "standard_deviation": self.population.deviation,
                 "quantiles": self.population.quantiles,
                 "yield": limit
-                and {"above": limit.limit, **limit.share.to_dict(), "counted": limit.counted},
+                and {"above": limit.limit, **fields_of(limit.share), "counted": limit.counted},
                 "devices": self.devices,
                 "rows": self.values.shape[1],
                 "rows_asked": self.rows_asked,

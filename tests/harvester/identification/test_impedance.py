@@ -86,7 +86,7 @@ def test_several_modes_are_found_and_those_above_add_to_the_capacitance():
     # The scene's own frequency tells which of them it is.
     second = from_impedance(scene(force=(0.0, MASS * (2.0 * np.pi * 300.0) ** 2)), measured)
     assert second.mode == 1
-    assert "another mode at 45.7" in "".join(second.sentences(False))
+    assert "another mode at 45.7" in "".join(second.findings(False))
 
 
 @pytest.mark.slow

@@ -78,8 +78,8 @@ def test_files_and_tables(tmp_path):
     assert header[:4] == ["time [s]", "displacement [m]", "velocity [m/s]", "voltage [V]"]
     assert float(first[4]) == pytest.approx(float(first[3]) / 306e3)
     frame = wave.to_dataframe()
-    assert frame.index.name == "time"
-    assert frame["voltage"].to_numpy() == pytest.approx(wave.voltage)
+    assert frame.columns[0] == "time [s]"
+    assert frame["voltage [V]"].to_numpy() == pytest.approx(wave.voltage)
     assert wave.to_xarray()["current"].attrs["unit"] == "A"
     for ending in (".nc", ".png"):
         wave.save(tmp_path / f"w{ending}")

@@ -173,9 +173,9 @@ def test_places_where_no_run_ends_are_gone_around():
 @pytest.mark.parametrize(
     ("over", "options", "message"),
     [
-        ({"stoppers.gapp": None}, {}, r"--over stoppers\.gapp.*did you mean stoppers\.gap"),
+        ({"stoppers.gapp": None}, {}, r"over stoppers\.gapp.*did you mean stoppers\.gap"),
         ({"oscillator.damping": (2.0, 1.0)}, {}, "no range from 2 to 1"),
-        ({}, {"evaluations": 3}, "--evaluations 3"),
+        ({}, {"evaluations": 3}, "evaluations 3"),
         ({}, {"maximise": "mean_powr"}, "did you mean mean_power"),
     ],
 )

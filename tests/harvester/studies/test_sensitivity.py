@@ -166,7 +166,7 @@ def test_failed_devices_are_left_out_and_told():
     [
         ({"quantity": "mean_powr"}, "did you mean mean_power"),
         ({"method": "spice"}, "unknown method spice"),
-        ({"rows": 100}, r"--rows 100: must be a power of two"),
+        ({"rows": 100}, r"rows 100: must be a power of two"),
     ],
 )
 def test_mistakes_are_named(options, message):
