@@ -163,6 +163,7 @@ class Identification(ResultBase):
             table=self._table(),
             findings=self._findings(),
             pictures=[Picture(draw, self)],
+            records=self._records,
             texts=self.texts,
             page=self.page,
         )
@@ -182,6 +183,14 @@ class Identification(ResultBase):
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
                 row.append(f"{low:.6g} … {high:.6g}")
         return header, rows
+
+    def _records(self):
+        """Header and a row for each value."""
+        header = ["parameter", "state", "value", "standard_error", "low", "high"]
+        return header, [
+            [key, self._state(key), value, self.standard_errors[key], *self.intervals[key]]
+            for key, value in self.values.items()
+        ]
 
     def _state(self, key):
         """How far the records determine a value."""

@@ -418,8 +418,14 @@ class SpectrumAnalysis(ResultBase):
             headline=f"{self.name}: rms {self.rms:.4g}{' m/s²' * (self.units == 'SI')}, greatest "
             f"density at {self.frequencies[self.density.argmax()]:.4g} Hz",
             pictures=[Picture(_draw, self)],
+            records=self._records,
             texts=self.texts,
         )
+
+    def _records(self):
+        """Header and a row for each frequency of the density."""
+        header = ["frequency [Hz]", f"density [{self.unit}]"]
+        return header, np.column_stack([self.frequencies, self.density]).tolist()
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text."""

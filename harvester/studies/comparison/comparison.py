@@ -159,6 +159,7 @@ class Comparison(ResultBase):
             table=self._table(),
             findings=self._findings(),
             pictures=[Picture(draw_comparison, self), Picture(joint_drawing.draw, joint, "joint")],
+            records=self._records,
             methods=self.results_by_method(),
             page=self.page,
         )
@@ -182,6 +183,17 @@ class Comparison(ResultBase):
             header.append("no error bar because")
             rows = [[*row, reasons.get(row[0], "")] for row in rows]
         return header, rows
+
+    def _records(self):
+        """Header and a row for each quantity and method, in the scene's units."""
+        header = ["quantity", "method", "estimate", "standard_error", "unit"]
+        return header, [
+            [name, method, mean.estimate, mean.standard_error, mean.unit]
+            for name in self.compared
+            for method, result in self.results_by_method().items()
+            if name in result.scaled_quantities
+            for mean in [result.quantity(name)]
+        ]
 
     def _rows(self, name):
         """A quantity's row, and behind a mean square without a root in the results that of it."""

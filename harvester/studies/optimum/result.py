@@ -17,7 +17,7 @@ from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_label, key_words
+from harvester.scene.tables import key_column, key_label, key_words
 from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
@@ -117,6 +117,7 @@ class Optimum(ResultBase):
             findings=self._findings(),
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
+            records=self._records,
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
@@ -132,6 +133,15 @@ class Optimum(ResultBase):
                 self._span(parameter.axis.key, parameter.flat_low, parameter.flat_high),
             ]
             for parameter in self.parameters
+        ]
+
+    def _records(self):
+        """Header and a row for each place that was searched, in the scene's units."""
+        keys = [key_column(key, self.scene.units) for key in self.keys]
+        header = [*keys, f"{self.quantity} [{self.unit}]", "standard_error"]
+        return header, [
+            [*(place[key] for key in self.keys), mean.estimate, mean.standard_error]
+            for place, mean in self.searched
         ]
 
     def _table_of_methods(self, averaging):

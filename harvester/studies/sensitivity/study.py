@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,6 +114,7 @@ class Sensitivity(ResultBase):
                 Picture(draw_tornado, self, "tornado"),
                 Picture(draw_distribution, self, "distribution"),
             ],
+            records=self._records,
         )
 
     def _table(self) -> tuple:
@@ -126,6 +128,22 @@ class Sensitivity(ResultBase):
             effect_texts = [_signed(e, self.population.mean.estimate) for e in self.effects[k]]
             parameter = self.tolerances[k]
             rows.append([parameter.key, str(parameter), *map(str, index_values), *effect_texts])
+        return header, rows
+
+    def _records(self):
+        """Header and a row for each parameter: its indices and effects with their intervals."""
+        low, high = (f"effect at {end:.0%} [{self.unit}]" for end in ENDS)
+        columns = ["first-order index", "total index", low, high]
+        header = ["parameter", "values"]
+        header += [f"{name}{end}" for name in columns for end in ("", ", low", ", high")]
+        rows = []
+        for k in self.order():
+            both = (self.indices.first, self.indices.total)
+            intervals = [*(indices[k] if indices else None for indices in both), *self.effects[k]]
+            numbers = [(i.estimate, i.low, i.high) if i else (None,) * 3 for i in intervals]
+            rows.append(
+                [self.tolerances[k].key, str(self.tolerances[k]), *itertools.chain(*numbers)]
+            )
         return header, rows
 
     def order(self) -> list:
