@@ -61,8 +61,7 @@ diagram = harvester.accuracy(scene, methods=[*circuit, *monte_carlo])
 #
 # In the first panel each line falls with the order of its scheme: half the step costs twice the
 # time, and divides the error by 4 (order 2) or 16 (order 4). A bias below the grey line is below
-# the run's own sampling error: a shorter step would not make that answer better, a longer run
-# would.
+# the run's own sampling error: a shorter step would not make that answer better, a longer run does.
 
 # %%
 for row in diagram.rows:
