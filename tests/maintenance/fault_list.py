@@ -438,8 +438,8 @@ FAULTS = [
     Fault(
         "store: the key does not tell seeds apart",
         "harvester/scene/model.py",
-        'without=("circuit", "file"))',
-        'without=("circuit", "file", "seed"))',
+        'self._tables("file")',
+        'self._tables("file", "seed")',
         KEY,
     ),
     Fault(

@@ -340,11 +340,18 @@ def hdf5(path, version=""):
         path.write_bytes(version.encode().ljust(512, b"\0") + content[512:])
 
 
-def tdms(path):
+def tdms(path, rates=(RATE,)):
     nptdms = importlib.import_module("nptdms")
-    properties = {"unit_string": "g", "wf_increment": 1.0 / RATE}
     with nptdms.TdmsWriter(str(path)) as writer:
-        writer.write_segment([nptdms.ChannelObject("log", "base", MOTION / G, properties)])
+        for index, rate in enumerate(rates):
+            properties = {"unit_string": "g", "wf_increment": 1.0 / rate}
+            name = f"base{index or ''}"
+            writer.write_segment([nptdms.ChannelObject("log", name, MOTION / G, properties)])
+
+
+def test_channels_of_several_rates_are_refused(tmp_path):
+    tdms(tmp_path / "a.tdms", (RATE, 2.0 * RATE))
+    refused(tmp_path / "a.tdms", "several sampling rates", "250 Hz", "500 Hz", column="base")
 
 
 def ide(path, scale="1/1000"):
