@@ -189,18 +189,32 @@ def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
     complete = replace(scene, run=replace(scene.run, realizations=len(moments)))
     samples = [part["stroboscope"] for part in good]
     if len(moments) == 1 or any(sample is None for sample in samples):
-        return Followed(complete, moments, (), note_on_one_start(scene))
+        notes = (*note_on_repeats(scene), *note_on_one_start(scene))
+        return Followed(complete, moments, (), notes)
     motions = _motions(scene, moments, np.concatenate(samples), cost, len(moments))
     if scene.run.orbit == "best":
         motions.sort(key=lambda found: -_power(found[-1]))
     elif scene.run.orbit == "rest":
         motions.sort(key=lambda found: found[0][0])
     orbits = tuple(motion for *_, motion in motions)
-    notes = (on_orbits(scene, orbits),)
+    notes = (*note_on_repeats(scene), on_orbits(scene, orbits))
     if scene.run.orbit == "weighted":
         return Followed(complete, moments, orbits, notes)
     _, members, _ = motions[0]
     return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
+
+
+def note_on_repeats(scene: Scene) -> tuple[str, ...]:
+    """A note that realizations which would repeat another one are not run; empty under noise."""
+    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
+    if count == asked:
+        return ()
+    starts = "there is one" if count == 1 else f"there are {count}, one in each well"
+    return (
+        f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
+        f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+        "others",
+    )
 
 
 def note_on_one_start(scene: Scene) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from harvester.base.errors import EnergyNotBalanced, SimulationError
 from harvester.device import timescales
 from harvester.device.system import System
 from harvester.engines.methods import Engine
-from harvester.engines.orbits import note_on_one_start
+from harvester.engines.orbits import note_on_one_start, note_on_repeats
 from harvester.engines.realization import Realization
 from harvester.excitation.spectrum import Spectrum
 from harvester.results.orbit import UNDETERMINED, Attractor
@@ -156,19 +156,11 @@ def _notes_on_starts(scene, motions):
     """Notes on how many different motions a deterministic run's starts reach."""
     if scene.excitation.random:
         return ()
-    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
-    repeated = []
-    if count != asked:
-        starts = "there is one" if count == 1 else f"there are {count}, one in each well"
-        repeated.append(
-            f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
-            f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
-            "others"
-        )
-    if count == 1:
-        return (*repeated, *note_on_one_start(scene))
+    repeats, asked = note_on_repeats(scene), scene.run.realizations
+    if distinct_realizations(prepared(scene)) == 1:
+        return (*repeats, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
-    lines = (*repeated, *(motion.sentence(unit) for motion in motions))
+    lines = (*repeats, *(motion.sentence(unit) for motion in motions))
     if any(motion.kind == UNDETERMINED for motion in motions):
         lines += (
             "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "

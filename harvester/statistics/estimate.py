@@ -18,8 +18,7 @@ NO_VALUE = "no number: what is averaged has no finite value at some time of the 
 # Newton's iterations, behind a rectifier in ngspice, resolve this share of an output voltage.
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
-# A difference of energies that is a smaller share of them is what the solver leaves of them.
-ROUNDED_OFF = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the load's powers"
+ROUNDED_OFF = "below what the solver resolves of the load's powers"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.

@@ -50,6 +50,8 @@ ONE_VALUE_NOTE = "one value a realization: no error bar"
 # A source of the load that delivers a smaller share of what is harvested is left in it: the steps
 # may cost as much.
 LEAST_SUPPLY = 1e-3
+# Below this share of the load's power nothing arrives. At 1e-8 the engines still agree to 12 %.
+LEAST_SHARE = 1e-9
 # Stores charge unevenly if the rates of the run's halves differ by more than this share of their
 # mean, and by this number of its standard errors: three of the difference.
 UNEVEN_SHARE, UNEVEN_SIGMAS = 0.2, 6.0
@@ -97,7 +99,7 @@ def estimate_output(
         energies = output_ratio(moments, name)
         estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
         if name != "output_voltage":
-            estimate = _resolved(estimate, *energies, _exchanged(moments, output))
+            estimate = _resolved(estimate, *energies, _least_resolved(name, moments, output))
         estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
@@ -115,18 +117,22 @@ def estimate_output(
     return estimates | estimate_measures(moments, error_of)
 
 
-def _exchanged(moments, output):
-    """Energy that the device gives, sources of the load deliver and the output uses."""
-    used, _ = _used_and_stored(moments, output)
-    given = output_ratio(moments, "converter_efficiency")[1]
-    parts = (used, given, *supplied(moments).values())
-    return sum(abs(float(part.sum())) for part in parts)
+def _least_resolved(name, moments, output):
+    """The energy below which a difference, or what is left of the load's energy, is rounding."""
+    used, stored = _used_and_stored(moments, output)
+    given = abs(float(output_ratio(moments, "converter_efficiency")[1].sum()))
+    exchanged = sum(abs(float(part.sum())) for part in (used, *supplied(moments).values()))
+    if name in ("mean_storage_power", "mean_converter_loss"):
+        exchanged += given
+    if name not in ("mean_storage_power", "mean_output_power"):
+        exchanged += abs(float(stored.sum()))
+    return max(RESOLVED_SHARE * exchanged, LEAST_SHARE * given)
 
 
-def _resolved(estimate, upper, lower, exchanged):
-    """A ratio of energies; 0 where `upper`, a difference of energies, is their rounding."""
-    least, error = RESOLVED_SHARE * exchanged, estimate.standard_error or 0.0
-    if exchanged and abs(upper.sum()) <= least and error * abs(lower.sum()) <= least:
+def _resolved(estimate, upper, lower, least):
+    """A ratio of energies; 0 where `upper` and its error are below the least resolved energy."""
+    error = estimate.standard_error or 0.0
+    if least > 0.0 and abs(upper.sum()) <= least and error * abs(lower.sum()) <= least:
         return Estimate(0.0, None, None, estimate.dimension, ROUNDED_OFF)
     return estimate
 

@@ -42,19 +42,19 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
     if not power > 0.0:
         return ""
     if drawn > MOST_DRAWN * power or drawn > max(DRAWN_SHARE * power, stored.standard_error or 0.0):
-        share = min(drawn / power, 1.0)
+        share, origin = min(drawn / power, 1.0), "its stores"
     elif power > (1.0 + DRAWN_SHARE) * given.estimate:
-        share = 1.0 - max(given.estimate, 0.0) / power
+        share, origin = 1.0 - max(given.estimate, 0.0) / power, "within the load"
     else:
         return ""
-    return f"its stores, not the device, deliver {share:.2g} of the output power"
+    return f"{share:.2g} of the output power comes from {origin}, not from the device"
 
 
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     """A note on an output that the load's stores feed."""
     fed = fed_by_stores(estimates)
     advice = "raise run.settle, or start them nearer to their steady state by ic="
-    return (f"the load discharges: {fed}: {advice}",) if fed else ()
+    return (f"{fed}: {advice}",) if fed else ()
 
 
 def efficiency_notes(

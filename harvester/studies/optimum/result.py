@@ -247,8 +247,9 @@ class Optimum(ResultBase):
                 )
             if parameter.open_low and parameter.open_high:
                 lines.append(
-                    f"{parameter.axis.key}: flat: within {FLAT_SHARE:.0%} over the whole range, so "
-                    "that any value is as good; vary another parameter, or give another range"
+                    f"{parameter.axis.key}: flat: nowhere in the range significantly more than "
+                    f"{FLAT_SHARE:.0%} below the maximum, so that any value is as good as far as "
+                    "these runs tell; vary another parameter, or give another range"
                 )
                 continue
             for end, is_open in (

@@ -101,6 +101,16 @@ def test_an_output_that_a_source_feeds_harvests_nothing_and_not_its_rounding():
     assert found["mean_converter_loss"].estimate == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("share", "shown"), [(1e-7, 1e-7), (1e-10, 0.0)])
+def test_a_small_output_that_is_no_difference_is_no_rounding(share, shown):
+    """1e-7 of the load's power is measured directly; of 1e-10 nothing arrives."""
+    found = estimate_output(
+        [charging(77, 4.0, lambda time: np.full_like(time, (2 * share) ** 0.5))]
+    )
+    assert found["mean_output_power"].estimate == pytest.approx(shown)
+    assert found["converter_efficiency"].estimate == pytest.approx(shown)
+
+
 def test_the_error_of_steps_of_a_difference_is_that_of_its_terms():
     """A loss of 0.4 of 1 W given, 0.5 W used and 0.1 W stored; with a bar of 0 of its own."""
     found = {

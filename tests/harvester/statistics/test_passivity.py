@@ -3,7 +3,12 @@ import math
 import pytest
 
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.passivity import efficiency_notes, supply_notes
+from harvester.statistics.passivity import (
+    efficiency_notes,
+    fed_by_stores,
+    store_notes,
+    supply_notes,
+)
 
 
 def notes(**values):
@@ -56,3 +61,26 @@ def test_a_source_at_a_collapsed_output_is_no_converter():
         found = {k: Estimate(sign * v, None, None, "1") for k, v in values.items()}
         (note,) = supply_notes(found, 1.0, "W")
         assert advice in note
+
+
+@pytest.mark.parametrize(
+    ("given", "stored", "error", "said"),
+    [
+        (1.0, -0.005, 0.0, ""),
+        (1.0, -0.05, 0.06, ""),
+        (1.0, -0.05, 0.04, "0.05 of the output power comes from its stores, not from the device"),
+        # Emptied once, the scatter of batches is large.
+        (1.0, -0.3, 0.9, "0.3 of the output power comes from its stores, not from the device"),
+        (1.0, None, None, "0.2 of the output power comes from within the load"),
+        (1.25, 0.1, 0.0, ""),
+    ],
+)
+def test_an_output_that_stores_feed_says_what_share(given, stored, error, said):
+    found = {
+        "mean_power": Estimate(given, None, None, "power"),
+        "mean_output_power": Estimate(1.25 if stored is None else 1.0, None, None, "power"),
+        "mean_storage_power": Estimate(stored or 0.0, error, None, "power"),
+    }
+    assert fed_by_stores(found).startswith(said)
+    assert bool(fed_by_stores(found)) == bool(said) == bool(store_notes(found))
+    assert store_notes({"mean_power": found["mean_power"]}) == ()

@@ -132,6 +132,11 @@ def test_a_linear_device_has_no_other_orbit():
     )
     found = harvester.sweep(scene, {AMPLITUDE: [1.0]})
     assert "orbit" not in "".join(found.sentences())
+    # Realizations that would repeat the one that was run are named.
+    repeats = f"run.realizations = {scene.run.realizations}: the excitation is deterministic"
+    assert any(line.startswith(repeats) for line in found.sentences())
+    once = harvester.sweep(scene.replace({"run.realizations": 1}), {AMPLITUDE: [1.0]})
+    assert "run.realizations" not in "".join(once.sentences())
 
 
 @pytest.mark.slow

@@ -137,7 +137,10 @@ def test_runs_without_errors_tell_no_flat_region():
 
 @pytest.mark.parametrize(
     ("level", "said", "unsaid"),
-    [(0.0, "is 0 within its error where it is largest", "flat"), (9.0, "whole range", "widen")],
+    [
+        (0.0, "is 0 within its error where it is largest", "flat"),
+        (9.0, "flat: nowhere in the range", "widen"),
+    ],
 )
 def test_a_flat_quantity_and_one_of_nothing_say_so(level, said, unsaid):
     runner = ToyRunner(lambda scene: level, 1e-3)
