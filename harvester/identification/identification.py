@@ -160,8 +160,8 @@ class Identification(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             pictures=[Picture(draw, self)],
             records=self._records,
             texts=self.texts,

@@ -63,7 +63,7 @@ QUANTITIES = ("mean_power", "power_conversion_efficiency", "mean_output_power", 
 
 
 @dataclass(frozen=True)
-class Setting:
+class SliderSetting:
     """The numbers and densities at one setting of the sliders.
 
     Attributes
@@ -105,7 +105,7 @@ class Explorer:
 
     Attributes
     ----------
-    view : Setting
+    view : SliderSetting
         The view at the last setting that could be shown.
     picture : bytes
         The picture of the view as PNG.
@@ -125,7 +125,7 @@ class Explorer:
         """The scene as the sliders have it, with its whole run."""
         return self.view.scene.replace(run=self._origin.to_tables()["run"])
 
-    def at(self, values: Mapping[str, float]) -> Setting:
+    def at(self, values: Mapping[str, float]) -> SliderSetting:
         """The view of other values of the scene, kept as `view`.
 
         Parameters
@@ -143,7 +143,7 @@ class Explorer:
         solving = self._pool.submit(outlined, {"scene": scene}, TIME_LIMIT)
         result = self._simulated(scene)
         densities, refusal = _answer(solving)
-        view = Setting(scene, result, densities, refusal, math.nan)
+        view = SliderSetting(scene, result, densities, refusal, math.nan)
         self.picture = figures.picture(_draw, view, "png")
         self.view = replace(view, seconds=time.perf_counter() - clock)
         return self.view
@@ -259,11 +259,11 @@ def _range(scene, key, ends):
     return min(low, value), max(high, value)
 
 
-def _draw(view: Setting) -> Figure:
+def _draw(view: SliderSetting) -> Figure:
     """Draw p(X), p(X') and p(V) by Monte Carlo and the stationary solver; X and V over time."""
     from matplotlib import rc_context
 
-    # Setting tick labels as formulas would take as long as the rest of the drawing.
+    # SliderSetting tick labels as formulas would take as long as the rest of the drawing.
     with rc_context({"axes.formatter.use_mathtext": False}):
         return _drawn(view)
 

@@ -26,8 +26,8 @@ class BeamValues(ResultBase):
     def view(self) -> View:
         """Lumped values; side view, first mode, and the spring of the magnets."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             pictures=[Picture(lambda beam: draw(beam, self.scene.magnets), self.beam)],
         )
 

@@ -295,8 +295,8 @@ class Result(ResultBase):
     def view(self) -> View:
         """Quantities with their error bars, the evidence, densities."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline=headline(self),
             pictures=[Picture(draw_result, self), Picture(joint_drawing.draw, [self], "joint")],
             records=self._records,

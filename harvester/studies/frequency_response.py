@@ -178,8 +178,8 @@ class FrequencyResponse(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
             records=self._records,

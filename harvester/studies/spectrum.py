@@ -413,8 +413,8 @@ class SpectrumAnalysis(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline=f"{self.name}: rms {self.rms:.4g}{' m/s²' * (self.units == 'SI')}, greatest "
             f"density at {self.frequencies[self.density.argmax()]:.4g} Hz",
             pictures=[Picture(_draw, self)],

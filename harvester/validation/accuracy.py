@@ -116,11 +116,7 @@ class Accuracy(ResultBase):
         """Errors and times of every method; error against run time."""
         from harvester.validation.accuracy_drawing import draw
 
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[Picture(draw, self)],
-        )
+        return View(self._table(), self._findings(), pictures=[Picture(draw, self)])
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]

@@ -114,11 +114,7 @@ class ReproducedStatements(ResultBase):
 
     def view(self) -> View:
         """Table, findings and pictures."""
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            texts=lambda: {".md": self.markdown()},
-        )
+        return View(self._table(), self._findings(), texts=lambda: {".md": self.markdown()})
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["section", "statement", *METHODS]

@@ -74,11 +74,7 @@ class Surfaces(_PaperMap):
 
     def view(self) -> View:
         """Table, findings and pictures."""
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[Picture(_draw_surfaces, self)],
-        )
+        return View(self._table(), self._findings(), pictures=[Picture(_draw_surfaces, self)])
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
@@ -133,11 +129,7 @@ class OrbitVoltages(_PaperMap):
 
     def view(self) -> View:
         """Table, findings and pictures."""
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[Picture(_draw_orbit_voltages, self)],
-        )
+        return View(self._table(), self._findings(), pictures=[Picture(_draw_orbit_voltages, self)])
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: the range of frequencies of each kind of orbit."""

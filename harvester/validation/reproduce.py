@@ -101,10 +101,7 @@ class Reproduction(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[Picture(draw, self)],
-            records=self._records,
+            self._table(), self._findings(), pictures=[Picture(draw, self)], records=self._records
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:

@@ -80,16 +80,10 @@ class StabilityMatrix(ResultBase):
 
     def view(self) -> View:
         """The verdict of each cell; a figure has `PAGE` rows, which can be read in print."""
-        starts = range(0, len(self.rows), PAGE)
-        parts = [replace(self, rows=self.rows[start : start + PAGE]) for start in starts]
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[
-                Picture(_draw, part, str(number) if number > 1 else "")
-                for number, part in enumerate(parts, 1)
-            ],
-        )
+        parts = [self.rows[first : first + PAGE] for first in range(0, len(self.rows), PAGE)]
+        names = ["", *map(str, range(2, len(parts) + 1))]
+        pictures = [Picture(_draw, replace(self, rows=p), n) for p, n in zip(parts, names)]
+        return View(self._table(), self._findings(), pictures=pictures)
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["case", *self.methods, "residuals", "seconds"]

@@ -142,11 +142,7 @@ class Verification(ResultBase):
 
     def view(self) -> View:
         """Table, findings and pictures."""
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            texts=self.texts,
-        )
+        return View(self._table(), self._findings(), texts=self.texts)
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
@@ -204,10 +200,8 @@ class Verification(ResultBase):
 
     def texts(self) -> dict[str, str]:
         """The pages of the results and, where there are any, of the measured devices."""
-        pages = {".md": self.markdown()}
-        if self.measured:
-            pages["-measured.md"] = measured_page(self.measured, self.date)
-        return pages
+        devices = {"-measured.md": measured_page(self.measured, self.date)} if self.measured else {}
+        return {".md": self.markdown(), **devices}
 
     def to_dict(self) -> dict[str, Any]:
         return {

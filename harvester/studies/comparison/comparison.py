@@ -156,8 +156,8 @@ class Comparison(ResultBase):
         # p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours.
         joint = [*self.closures.values(), self.monte_carlo]
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             pictures=[Picture(draw_comparison, self), Picture(joint_drawing.draw, joint, "joint")],
             records=self._records,
             methods=self.results_by_method(),

@@ -195,8 +195,8 @@ class LoadStudy(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline=self._headline(),
             alarms=self._alarms(),
             pictures=[Picture(draw, self, name) for name, draw in drawing.FIGURES.items()],

@@ -74,8 +74,8 @@ class Basins(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline="; ".join(orbit_sentences(self.orbits, self.unit)[:2]),
             pictures=[Picture(_draw, self)],
             records=self._records,

@@ -136,8 +136,8 @@ class Bifurcation(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline="; ".join(
                 line for branch in self.branches for line in self._most_power(branch)
             ),

@@ -114,8 +114,8 @@ class Residence(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             headline=self._headline(),
             pictures=[Picture(_draw, self)] if self.key else [],
             records=self._records,

@@ -108,8 +108,8 @@ class Sensitivity(ResultBase):
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
-            table=self._table(),
-            findings=self._findings(),
+            self._table(),
+            self._findings(),
             pictures=[
                 Picture(draw_tornado, self, "tornado"),
                 Picture(draw_distribution, self, "distribution"),
