@@ -82,7 +82,9 @@ class StabilityMatrix(ResultBase):
         """The verdict of each cell; a figure has `PAGE` rows, which can be read in print."""
         parts = [self.rows[first : first + PAGE] for first in range(0, len(self.rows), PAGE)]
         names = ["", *map(str, range(2, len(parts) + 1))]
-        pictures = [Picture(_draw, replace(self, rows=p), n) for p, n in zip(parts, names)]
+        pictures = [
+            Picture(_draw, replace(self, rows=p), n) for p, n in zip(parts, names, strict=True)
+        ]
         return View(self._table(), self._findings(), pictures=pictures)
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
