@@ -194,7 +194,8 @@ def _load(pen, circuit, call, wire, corner, strays):
         hung = [part for part in strays if outer[pin] in part.nodes]
         pen.wire((right, height[pin]), (x, height[pin]))
         pen.text((right + 0.1, height[pin] + 0.25), outer[pin], VALUE_SIZE, NODE_COLOUR)
-        x, _ = _ladder(pen, circuit, lay_out(hung), x, height[pin], named=False)
+        if hung:
+            x, _ = _ladder(pen, circuit, lay_out(hung), x, height[pin], named=False)
     return x
 
 
