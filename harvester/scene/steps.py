@@ -41,8 +41,8 @@ FREQUENCY_ERRORS = {
     "circuit": (1.0 / 12.0, 2),
 }
 # Relative error of a load's power over that of the frequency. It was at most 4 behind bridges and
-# doublers, and in Monte Carlo behind switches. In the circuit SSHI cost up to 0.8 % at 80 steps a
-# period, and a twentieth of that at steps four times shorter.
+# doublers. In Monte Carlo SSHI cost 0.16 %, five times as much. In the circuit it cost up to 0.8 %
+# at 80 steps a period, and a twentieth of that at steps four times shorter.
 LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
 # Relative error of a power with contacts, times the square of the steps per contact. One stopper
 # under noise cost 0.04 to 0.07 % at 26 steps, and a sixteenth of that at 104.
@@ -181,7 +181,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     # Without damping the resonance has no width, and the whole power may be missed.
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     load = scene.load.circuit
-    switched = engine == "circuit" and load is not None and load.switches
+    switched = load is not None and load.switches
     period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
     if system.contacts:
         period_error += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2

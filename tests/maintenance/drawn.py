@@ -52,6 +52,8 @@ LONGER_THAN_AVERAGES = 4.0
 SWEPT = (0.5, 1.0, 2.0)
 # Starts beside the given one behind netlists, as shares of it; see `truth.BESIDE`.
 BESIDE_NETLISTS = (1e-5, -1e-5, 1e-4, -1e-4, 3e-4, -3e-4, 1e-3, -1e-3)
+# Voltages of starts on an orbit, over its rms.
+STARTING_VOLTAGES = np.linspace(-2.0, 2.0, 9)
 # Points of a motion without a period from which a sweep goes on, and most states that it follows.
 WITHOUT_PERIOD, MOST_STATES = 8, 24
 
@@ -290,11 +292,13 @@ def _basins(case, scene, pool):
             else:
                 truths.append(_steady(case, scene, pool))
                 break
-        powers_of_starts = [power for power, _ in truths]
-        if np.ptp(powers_of_starts) > SHARE * max(powers_of_starts):
-            # Neighbours end on different motions: the orbit is right if one begun on it stays.
-            x, v = orbit.points[0]
-            truths += powers(case, scene, start=(float(x), float(v), 0.0))
+        off = min(abs(power - orbit.mean_power) for power, _ in truths)
+        if off > SHARE * orbit.mean_power and scene.load.is_resistor:
+            # The starts may end on another motion: the orbit is right if one begun on it stays, at
+            # one of the voltages that it has.
+            x, v = map(float, orbit.points[0])
+            for volts in orbit.rms_voltage * STARTING_VOLTAGES:
+                truths += powers(case, scene, start=(x, v, float(volts)))
         checks.append(Check(what, orbit.mean_power, _bar(orbit.errors["mean_power"]), truths))
     return checks
 

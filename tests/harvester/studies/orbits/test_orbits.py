@@ -422,6 +422,16 @@ def test_error_bars_of_chaotic_values_hold_the_mean():
     assert np.mean(apart < 1.96 * errors[:, 2]) > 0.88
 
 
+def test_steps_cost_a_small_part_of_the_apparent_power_more():
+    """Of a motion of period 1 with the power 1 at the mean-square voltage 4."""
+    samples = np.zeros((1, 64, 6))
+    samples[0, :, 3:] = np.outer(np.arange(64.0), [1.0, 4.0, 1.0])
+    usual, faint = (means_of(samples, 1.0, 1e-4, 0.0, reactive)[1] for reactive in (1.25, 125.0))
+    assert usual[0] == pytest.approx(1e-4)
+    # A hundredth of a fifth of the apparent power: ten times.
+    assert faint == pytest.approx(usual * [10.0, 1.0, 1.0])
+
+
 @pytest.fixture
 def slow_store(tmp_path):
     """A bridge on 100 mF and 200 kΩ: five hours, and 480 µW at first instead of 1.39 mW."""
