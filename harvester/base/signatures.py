@@ -1,6 +1,6 @@
 """The options of a public function from its signature: unit, spelling and check.
 
-The annotation of a parameter is its option at the command line (`harvester.cli.parsing`) and
+The annotation of a parameter is its option at the command line (`harvester.cli.options`) and
 its check in Python (`harvester.scene.calling`). An `Annotated` alias such as `Seconds` holds what
 the Python type leaves open: the unit, the range, how a list is written.
 """
@@ -13,16 +13,16 @@ import inspect
 import math
 import numbers
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_type_hints
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named, shown
 
+KEYWORD = inspect.Parameter.KEYWORD_ONLY
 # Longest list of numbers that a grid such as 1:10:log:50 may give.
 MOST_NUMBERS = 100_000
 
@@ -43,7 +43,8 @@ class Kind:
         Name of the option where it is not that of the parameter.
     read : callable or None
         The value that a text of the command line means, given the text and the option. With
-        `again` it is given the list of all texts.
+        `again` it is given the list of all texts, with `words` a list of words for each time that
+        the option is given.
     again : bool
         The option may be given several times.
     words : bool
@@ -159,9 +160,9 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
     return files
 
 
-def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
+def one_record_of(groups: list[list[str]], option: str) -> tuple[str, dict[str, Any]]:
     """One file with its settings."""
-    records = records_of([words], option)
+    records = records_of(groups, option)
     if len(records) > 1:
         raise HarvesterError(f"{option} {named(records[1][0])}: one file is read, with NAME=VALUE")
     return records[0]
@@ -297,7 +298,7 @@ class Option(NamedTuple):
     type : object
         Type of the value, without the None that stands for a value left out; None where only a type
         checker knows the names in it.
-    kind : Kind or None
+    kind : Kind
     default : object
         `inspect.Parameter.empty` where the parameter must be given.
     passing : object
@@ -307,16 +308,27 @@ class Option(NamedTuple):
 
     name: str
     type: Any
-    kind: Kind | None
+    kind: Kind
     default: Any
     passing: Any
     may_be_none: bool
 
+    @classmethod
+    def of(cls, name: str, annotation: Any, default: Any = None, passing: Any = KEYWORD) -> Option:
+        """The option that an evaluated annotation describes."""
+        parts = get_args(annotation)
+        may_be_none = type(None) in parts
+        if may_be_none and len(parts) == 2:
+            (annotation,) = (part for part in parts if part is not type(None))
+        kinds = [part for part in get_args(annotation) if isinstance(part, Kind)]
+        value_type = get_args(annotation)[0] if kinds else annotation
+        kind = kinds[0] if kinds else Kind("NAME" if value_type is str else "N")
+        return cls(name, value_type, kind, default, passing, may_be_none)
+
     @property
     def spelling(self) -> str:
-        """Name at the command line, without dashes in front."""
-        option_name = self.kind.option if self.kind else ""
-        return option_name or self.name.replace("_", "-")
+        """Name at the command line."""
+        return f"--{self.kind.option or self.name.replace('_', '-')}"
 
     def check(self, value: Any) -> None:
         """Refuse a value that is out of range.
@@ -327,8 +339,8 @@ class Option(NamedTuple):
         """
         if value is None and self.may_be_none:
             return
-        if self.kind and self.kind.holds and not self.kind.holds(value):
-            raise HarvesterError(f"--{self.spelling} {shown(value)}: must be {self.kind.required}")
+        if self.kind.holds and not self.kind.holds(value):
+            raise HarvesterError(f"{self.spelling} {shown(value)}: must be {self.kind.required}")
 
 
 @functools.cache
@@ -336,22 +348,14 @@ def options_of(function: Callable) -> dict[str, Option]:
     """A function's parameters by name, with those of the typed dictionary that collects others."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
-    for parameter in inspect.signature(function).parameters.values():
+    for name, parameter in inspect.signature(function).parameters.items():
+        annotation = _evaluated(parameter.annotation, function.__globals__)
         if parameter.kind is parameter.VAR_KEYWORD:
-            (collected,) = get_args(_evaluated(parameter.annotation, function.__globals__))
-            module_names = vars(sys.modules[collected.__module__])
-            for name, annotation in collected.__annotations__.items():
-                if name not in options:
-                    text = getattr(annotation, "__forward_arg__", annotation)
-                    options[name] = _option(name, text, module_names, None, parameter.KEYWORD_ONLY)
+            (collected,) = get_args(annotation)
+            hints = get_type_hints(collected, include_extras=True)
+            options |= {n: Option.of(n, hint) for n, hint in hints.items() if n not in options}
         else:
-            options[parameter.name] = _option(
-                parameter.name,
-                parameter.annotation,
-                function.__globals__,
-                parameter.default,
-                parameter.kind,
-            )
+            options[name] = Option.of(name, annotation, parameter.default, parameter.kind)
     return options
 
 
@@ -367,25 +371,9 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
         options[name].check(value)
 
 
-def _option(name, annotation, names, default, passing):
-    """The option that an annotation, which may be text, describes."""
-    kind, may_be_none = None, False
-    value_type = _evaluated(annotation, names)
-    parts = [part for part in get_args(value_type) if part is not type(None)]
-    if type(None) in get_args(value_type):
-        may_be_none = True
-        value_type = parts[0] if len(parts) == 1 else value_type
-    if get_origin(value_type) is Annotated:
-        value_type, kind = get_args(value_type)
-    return Option(name, value_type, kind, default, passing, may_be_none)
-
-
 def _evaluated(annotation, names):
-    """The object that an annotation's text stands for; None if only type checkers import its
-    names."""
-    if not isinstance(annotation, str):
-        return annotation
+    """The object of an annotation's text; None if only type checkers import its names."""
     try:
-        return eval(annotation, names)
+        return eval(annotation, names) if isinstance(annotation, str) else annotation
     except NameError:
         return None

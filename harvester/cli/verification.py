@@ -17,8 +17,8 @@ from harvester.base.signatures import (
     Share,
     Step,
 )
+from harvester.cli.options import overrides_of
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
-from harvester.cli.parsing import overrides_of
 
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName

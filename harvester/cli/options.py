@@ -1,0 +1,143 @@
+"""The options of a command, for cyclopts, from the signature and the docstring of its function.
+
+- A parameter that the docstring's section "Parameters" describes is an option, with that text as
+  its help; "Other Parameters" are for callers from Python alone.
+- `--name` is the parameter's name, or that in its annotation (`harvester.base.signatures`).
+- A positional-only parameter is a word of the call. So is the scene, which brings --set and --seed.
+- What is left out is not handed on: the function's own default holds.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_origin
+
+from cyclopts import MissingArgumentError, Parameter, Token, UnknownOptionError
+from cyclopts.argument import ArgumentCollection
+from docstring_parser import DocstringStyle, parse
+
+from harvester.base.errors import HarvesterError
+from harvester.base.numbers import NotANumber, number
+from harvester.base.plain_text import named
+from harvester.base.signatures import Kind, Option, Overrides, RunnerOptions, Seed, options_of
+
+SCENE_HELP = "A TOML file or the name of a built-in scene."
+SET_HELP = "Override a value of the scene; TABLE=none removes a table."
+SEED_HELP = "Same as --set run.seed=SEED."
+WORD = inspect.Parameter.POSITIONAL_ONLY
+REQUIRED = inspect.Parameter.empty
+
+
+def described(documented: Any, section: str = "param") -> dict[str, str]:
+    """Names in a section of a numpydoc docstring ("param" or "other_param"), each with its text."""
+    parameters = parse(inspect.getdoc(documented) or "", DocstringStyle.NUMPYDOC).params
+    return {
+        name.strip(): " ".join((parameter.description or "").split())
+        for parameter in parameters
+        if parameter.args[0] == section
+        for name in parameter.arg_name.split(",")
+    }
+
+
+def options_shown(function: Callable) -> Iterator[tuple[Option, str]]:
+    """Options that a command has, each with its help, in the docstring's order."""
+    options, documented = options_of(function), described(function)
+    hidden = described(function, "other_param").keys() - documented.keys()
+    for name, text in (documented | described(RunnerOptions) | documented).items():
+        if name == "scene" and is_scene(options[name]):
+            yield options[name]._replace(kind=Kind("SCENE"), type=str, passing=WORD), SCENE_HELP
+            yield Option.of("overrides", Overrides), SET_HELP
+            yield Option.of("seed", Seed), SEED_HELP
+        elif name in options and name not in hidden:
+            yield options[name], text
+
+
+def is_scene(option: Option) -> bool:
+    return option.name == "scene" and option.passing is not inspect.Parameter.KEYWORD_ONLY
+
+
+def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> inspect.Parameter:
+    """The parameter that cyclopts reads; `scenes`: names that completion offers."""
+    kind, hint = option.kind, option.type
+    words = option.passing is WORD and get_origin(hint) in (list, Sequence)
+    several = kind.again or kind.words or words
+    if hint is not bool and get_origin(hint) is not Literal:
+        hint = Path if kind.metavar.startswith(("FILE", "DIR")) else str
+        if option.name == "scene" and scenes:
+            hint = Literal[tuple(scenes)] | str  # type: ignore[assignment]
+        hint = list[hint] if several else hint
+    settings = Parameter(
+        name=kind.metavar if option.passing is WORD else option.spelling,
+        help=text,
+        metavar=kind.metavar,
+        converter=_reader(option, several),
+        show_default=_shown_default(option, text),
+        show_choices=False,
+        # A range such as -0.02:0.02:60 is a value; `_reader` refuses what is an option.
+        allow_leading_hyphen=not kind.words,
+        consume_multiple=(1, None) if kind.words else None,
+        allow_repeating=True,
+        negative=(),
+        json_list=False,
+    )
+    default = REQUIRED if option.default is REQUIRED else None
+    passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(
+        option.name, passing, default=default, annotation=Annotated[hint, settings]
+    )
+
+
+def _shown_default(option, text):
+    """The default where there is one that the help does not name."""
+    default = option.default
+    plain = isinstance(default, (str, int, float)) and not isinstance(default, bool)
+    if not plain or default == "" or "default" in text.replace(f'"{default}"', ""):
+        return False
+    return default if isinstance(default, str) else f"{default:g}"
+
+
+def _reader(option, several):
+    """Function that turns the words of a call into an option's value, and checks it."""
+
+    def read(hint: Any, tokens: Sequence[Token]) -> Any:
+        groups: list[list[str]] = []
+        for token in tokens:
+            if token.value.lstrip("-")[:1].isalpha() and token.value.startswith("-"):
+                if token.keyword is None:
+                    raise UnknownOptionError(token=token, argument_collection=ArgumentCollection())
+                raise MissingArgumentError(keyword=token.keyword)
+            # The words that follow an option are counted from 0 each time.
+            if token.index == 0 or not groups:
+                groups.append([])
+            groups[-1].append(token.value)
+        words = [word for group in groups for word in group]
+        kind = option.kind
+        if kind.read:
+            value = groups if kind.words else words if several else words[-1]
+            value = kind.read(value, option.spelling)
+        else:
+            values = [_number_or_text(option, word) for word in words]
+            value = values if several else values[-1]
+        option.check(value)
+        return value
+
+    return read
+
+
+def _number_or_text(option, text):
+    """A word of the call as the option's type has it."""
+    # No suffixes for a time, since 5m may mean five minutes.
+    real = float if option.kind.metavar == "SECONDS" else number
+    try:
+        return {int: int, float: real}.get(option.type, str)(text)
+    except ValueError as error:
+        required = option.kind.required or "a whole number"
+        reason = error if isinstance(error, NotANumber) else f"must be {required}"
+        raise HarvesterError(f"{option.spelling} {named(text)}: {reason}") from None
+
+
+def overrides_of(overrides: Iterable[str] = (), seed: int | None = None) -> list[str]:
+    """The overrides of a scene that --set and --seed give."""
+    return [*overrides, *([] if seed is None else [f"run.seed={seed}"])]
