@@ -63,11 +63,12 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     kind, hint = option.kind, option.type
     words = option.passing is WORD and get_origin(hint) in (list, Sequence)
     several = kind.again or kind.words or words
-    if hint is not bool and get_origin(hint) is not Literal:
-        hint = Path if kind.metavar.startswith(("FILE", "DIR")) else str
-        if option.name == "scene" and scenes:
-            hint = Literal[tuple(scenes)] | str  # type: ignore[assignment]
-        hint = list[hint] if several else hint
+    if option.name == "scene" and scenes:
+        hint = Literal[tuple(scenes)] | str
+    elif hint is not bool and get_origin(hint) is not Literal:
+        # Shells complete the name of a file for a path.
+        text_type: Any = Path if kind.metavar.startswith(("FILE", "DIR")) else str
+        hint = list[text_type] if several else text_type
     settings = Parameter(
         name=kind.metavar if option.passing is WORD else option.spelling,
         help=text,

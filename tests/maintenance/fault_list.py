@@ -620,8 +620,8 @@ FAULTS = [
     Fault(
         "command line: what a command ends with is lost",
         COMMAND_LINE,
-        "return options.command.run(options) or 0",
-        "return 0 * (options.command.run(options) or 0)",
+        "return function(**values) or 0",
+        "return 0 * (function(**values) or 0)",
         MANNERS,
     ),
     Fault(
