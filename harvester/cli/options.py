@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_origin
@@ -61,19 +62,17 @@ def is_scene(option: Option) -> bool:
 def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> inspect.Parameter:
     """The parameter that cyclopts reads; `scenes`: names that completion offers."""
     kind, hint = option.kind, option.type
-    words = option.passing is WORD and get_origin(hint) in (list, Sequence)
-    several = kind.again or kind.words or words
     if option.name == "scene" and scenes:
         hint = Literal[tuple(scenes)] | str
     elif hint is not bool and get_origin(hint) is not Literal:
         # Shells complete the name of a file for a path.
         text_type: Any = Path if kind.metavar.startswith(("FILE", "DIR")) else str
-        hint = list[text_type] if several else text_type
+        hint = list[text_type] if kind.join else text_type
     settings = Parameter(
         name=kind.metavar if option.passing is WORD else option.spelling,
         help=text,
         metavar=kind.metavar,
-        converter=_reader(option, several),
+        converter=_reader(option),
         show_default=_shown_default(option, text),
         show_choices=False,
         # A range such as -0.02:0.02:60 is a value; `_reader` refuses what is an option.
@@ -99,44 +98,41 @@ def _shown_default(option, text):
     return default if isinstance(default, str) else f"{default:g}"
 
 
-def _reader(option, several):
+def _reader(option):
     """Function that turns the words of a call into an option's value, and checks it."""
+    kind = option.kind
+    # No suffixes for a time, since 5m may mean five minutes.
+    real = float if kind.metavar == "SECONDS" else number
+    by_type = {int: (int, "a whole number"), float: (real, "a number")}
+    usual_read, usual = by_type.get(option.type, (str, "a text"))
+    convert: Callable[[Any], Any] = kind.read or usual_read
 
     def read(hint: Any, tokens: Sequence[Token]) -> Any:
         groups: list[list[str]] = []
         for token in tokens:
-            if token.value.lstrip("-")[:1].isalpha() and token.value.startswith("-"):
+            if re.match(r"--?[^\W\d]", token.value):
                 if token.keyword is None:
                     raise UnknownOptionError(token=token, argument_collection=ArgumentCollection())
                 raise MissingArgumentError(keyword=token.keyword)
             # The words that follow an option are counted from 0 each time.
-            if token.index == 0 or not groups:
+            if token.index == 0 or not kind.words:
                 groups.append([])
             groups[-1].append(token.value)
-        words = [word for group in groups for word in group]
-        kind = option.kind
-        if kind.read:
-            value = groups if kind.words else words if several else words[-1]
-            value = kind.read(value, option.spelling)
-        else:
-            values = [_number_or_text(option, word) for word in words]
-            value = values if several else values[-1]
+        values = []
+        for words in groups:
+            try:
+                values.append(convert(words if kind.words else words[0]))
+            except (ValueError, LookupError) as error:
+                reason = f" ({error})" if isinstance(error, NotANumber) else ""
+                raise HarvesterError(
+                    f"{option.spelling} {named(' '.join(words))}: must be "
+                    f"{kind.required or usual}{reason}"
+                ) from None
+        value = kind.join(values, option.spelling) if kind.join else values[-1]
         option.check(value)
         return value
 
     return read
-
-
-def _number_or_text(option, text):
-    """A word of the call as the option's type has it."""
-    # No suffixes for a time, since 5m may mean five minutes.
-    real = float if option.kind.metavar == "SECONDS" else number
-    try:
-        return {int: int, float: real}.get(option.type, str)(text)
-    except ValueError as error:
-        required = option.kind.required or "a whole number"
-        reason = error if isinstance(error, NotANumber) else f"must be {required}"
-        raise HarvesterError(f"{option.spelling} {named(text)}: {reason}") from None
 
 
 def overrides_of(overrides: Iterable[str] = (), seed: int | None = None) -> list[str]:

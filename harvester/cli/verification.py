@@ -16,6 +16,7 @@ from harvester.base.signatures import (
     Seed,
     Share,
     Step,
+    as_list,
 )
 from harvester.cli.options import overrides_of
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
@@ -73,7 +74,7 @@ def accuracy(
 
 
 def reproduce(
-    figures: Annotated[Sequence[str], Kind("FIGURE")] = ("all",),
+    figures: Annotated[Sequence[str], Kind("FIGURE", join=as_list)] = ("all",),
     /,
     *,
     quick: bool = False,

@@ -9,7 +9,16 @@ import pytest
 from cyclopts import App
 
 from harvester.base.errors import HarvesterError
-from harvester.base.signatures import File, Grids, Kind, RunnerOptions, Seconds, Share, options_of
+from harvester.base.signatures import (
+    File,
+    Grids,
+    Kind,
+    RunnerOptions,
+    Seconds,
+    Share,
+    as_list,
+    options_of,
+)
 from harvester.cli.command import Command
 from harvester.cli.command_line import main
 from harvester.cli.options import described
@@ -80,7 +89,7 @@ def test_every_parameter_is_described_or_hidden(name):
 
 def study(
     file: File,
-    others: Sequence[str] = (),
+    others: Annotated[Sequence[str], Kind("FILE", join=as_list)] = (),
     /,
     *,
     count: int,
@@ -228,8 +237,8 @@ def test_records_are_grouped_by_the_option_that_they_follow():
         ("--count 3k", r"--count 3k: must be a whole number"),
         ("--offset 3M", r"--offset 3M: .*write 3meg or 3m"),
         ("--workers 0", "--workers 0: must be a whole number"),
-        ("--sweep x", "--sweep x: write it as table.key=LIST"),
-        ("--sweep x=1:2", "--sweep x 1:2: write it as 0.1:2:log:40"),
+        ("--sweep x", "--sweep x: must be written as TABLE.KEY=LIST"),
+        ("--sweep x=1:2", "--sweep x=1:2: must be written as .* 0.1:2:log:40"),
     ],
 )
 def test_a_value_that_the_annotation_excludes_is_refused(words, message):
