@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
-from harvester.cli.options import WORD, is_scene, options_shown, overrides_of, parameter_of
+from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
@@ -88,8 +88,10 @@ class Command:
             return None
         from harvester.scene.model import Scene
 
-        changes = {name: values.pop(name) for name in ("overrides", "seed") if name in values}
-        return Scene.read(values.pop("scene", scene.default), overrides_of(**changes))
+        overrides = values.pop("overrides", [])
+        if "seed" in values:
+            overrides.append(f"run.seed={values.pop('seed')}")
+        return Scene.read(values.pop("scene", scene.default), overrides)
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""
@@ -135,7 +137,7 @@ class StudyCommand(Command):
     Attributes
     ----------
     title : str or callable
-        Over the table; or what gives it, of the result.
+        Over the table; or what gives it, of the result; left out: the command's name.
     stem : str
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.
@@ -177,11 +179,10 @@ class StudyCommand(Command):
         yield quiet_option
 
     def run(self, values: dict[str, Any]) -> int:
-        scene, runs = self._scene(values), self._takes_runner()
-        places = {
-            kind: values.get(kind) if runs and kind == "output" else values.pop(kind, None)
-            for kind in ("json", "output", "report", "waveform")
-        }
+        scene = self._scene(values)
+        places = {kind: values.pop(kind, None) for kind in ("json", "report", "waveform")}
+        # The runner's folder is an option of the function.
+        places["output"] = (values.get if self._takes_runner() else values.pop)("output", None)
         _say_costs(scene)
         defaults = {name: option.default for name, option in options_of(self.target).items()}
         stem = (self.stem or self.name).format(**defaults | values)
@@ -214,6 +215,7 @@ class StudyCommand(Command):
 
     def _deliver(self, result, name, folder, json, output, report, waveform):
         title = self.title(result) if callable(self.title) else self.title
+        title = title or self.name.replace("-", " ")
         show(result, title, json)
         try:
             if not self.files:
@@ -259,5 +261,4 @@ class StudyCommand(Command):
 
     def _takes_runner(self):
         """Whether the function takes `**running`, the options of a study's runner."""
-        parameters = inspect.signature(self.target).parameters.values()
-        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+        return "time_budget" in options_of(self.target)

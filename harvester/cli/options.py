@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_origin
 
@@ -133,8 +133,3 @@ def _reader(option):
         return value
 
     return read
-
-
-def overrides_of(overrides: Iterable[str] = (), seed: int | None = None) -> list[str]:
-    """The overrides of a scene that --set and --seed give."""
-    return [*overrides, *([] if seed is None else [f"run.seed={seed}"])]

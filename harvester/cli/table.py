@@ -66,7 +66,6 @@ GROUPS = {
             "harvester:load_study",
             "device --load bridge --load sece "
             "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
-            title="load study",
             failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
             json=False,
             files=LOAD_STUDY_FILES,
@@ -100,7 +99,6 @@ GROUPS = {
         StudyCommand(
             "harvester:frequency_response",
             "device --amplitude 4 --frequencies 5:30:linear:51 --down",
-            title="frequency response",
         ),
         StudyCommand(
             "harvester:spectrum",
@@ -118,7 +116,6 @@ GROUPS = {
             "harvester:bifurcation",
             """device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
             "--over excitation.amplitude --values 1:12:linear:100",
-            title="bifurcation",
             failed=lambda result: len(result.failures) == len(result.values) * len(result.branches),
         ),
         StudyCommand(
@@ -130,14 +127,12 @@ GROUPS = {
             "harvester:sweep",
             "paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo "
             "--method fokker_planck --quantity mean_square_voltage --output swept",
-            title="sweep",
             failed=lambda swept: not any(cell.estimates for _, cell in swept.places()),
         ),
         StudyCommand(
             "harvester:sensitivity",
             "paper --vary oscillator.cubic_stiffness=±10% "
             "--vary stoppers.gap=normal:2% --above 0.001 --output tolerances",
-            title="sensitivity",
             json=False,
             files=SENSITIVITY_FILES,
         ),

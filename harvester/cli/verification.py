@@ -18,7 +18,6 @@ from harvester.base.signatures import (
     Step,
     as_list,
 )
-from harvester.cli.options import overrides_of
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
 
 if TYPE_CHECKING:
@@ -115,7 +114,8 @@ def reproduce(
             )
     names = [name for name in NAMES if name in figures or "all" in figures]
     check_places(None, output, files=[file for name in names for file in result_files(name)])
-    scene, finished = Scene.read("paper", overrides_of(seed=seed)), {}
+    scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
+    finished = {}
 
     def keep(content):
         write_result(None, output, content.name, content)
