@@ -127,9 +127,9 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
     """
     if words[0] == "help":
         words = [*words[1:2], "--help"]
-    # An option in front is answered by the command that it belongs to.
-    in_front = words[0].startswith("-") and words[0] not in ("-h", "--help", "--version")
-    called = next((word for word in words[: None if in_front else 1] if word in COMMANDS), None)
+    # An option in front belongs to the command behind it.
+    places = words if words[0].startswith("-") else words[:1]
+    called = next((word for word in places if word in COMMANDS), None)
     app = app_of([called]) if called else app_of(COMMANDS, listed=True)
     try:
         function, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)

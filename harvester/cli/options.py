@@ -46,7 +46,8 @@ def options_shown(function: Callable) -> Iterator[tuple[Option, str]]:
     """Options that a command has, each with its help, in the docstring's order."""
     options, documented = options_of(function), described(function)
     hidden = described(function, "other_param").keys() - documented.keys()
-    for name, text in (documented | described(RunnerOptions) | documented).items():
+    others = {n: text for n, text in described(RunnerOptions).items() if n not in documented}
+    for name, text in (documented | others).items():
         if name == "scene" and is_scene(options[name]):
             yield options[name]._replace(kind=Kind("SCENE"), type=str, passing=WORD), SCENE_HELP
             yield Option.of("overrides", Overrides), SET_HELP

@@ -196,7 +196,7 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
             if command.name in names:
                 text = re.split(SECTION, inspect.getdoc(command.target) or "")[0]
                 paragraphs = (" ".join(lines.split()) for lines in text.split("\n\n"))
-                one = App(
+                subcommand = App(
                     name=command.name,
                     help="\n\n".join(paragraphs),
                     help_epilogue=f"example: harvester {command.name} {command.example}",
@@ -204,5 +204,5 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
                     sort_key=place,
                     default_command=None if listed else command.callback(scenes),
                 )
-                app.command(one)
+                app.command(subcommand)
     return app

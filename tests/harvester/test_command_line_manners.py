@@ -41,8 +41,9 @@ def test_every_command_is_listed_once():
     ("words", "said"), [([], "─ to begin with ─"), (["load"], "harvester load")]
 )
 def test_help_is_a_word_too(words, said, capsys):
-    assert main(["help", *words]) == 0
-    assert said in capsys.readouterr().out
+    for first in ("help", "--help"):
+        assert main([first, *words]) == 0
+        assert said in capsys.readouterr().out
 
 
 def test_exit_codes_are_told(capsys):

@@ -225,6 +225,19 @@ def test_light_commands_import_nothing_heavy():
     assert shown.rstrip().endswith("loaded []")
 
 
+def test_the_help_of_a_command_imports_the_function_of_no_other():
+    others = ("harvester.studies.public", "harvester.engines.simulate", "harvester.cli.circuit")
+    code = (
+        "import sys, harvester.cli.command_line as c\n"
+        "c.main(['cite', '--help'])\n"
+        f"print('loaded', [m for m in {others} if m in sys.modules])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert shown.rstrip().endswith("loaded []")
+
+
 @pytest.mark.slow
 def test_simulating_loads_no_drawing_library(tmp_path):
     code = (
