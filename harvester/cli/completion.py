@@ -8,6 +8,13 @@ from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import nearest
 from harvester.base.signatures import Kind
 
+# The script of zsh as a file is a function to be called; evaluated, it has to be registered.
+ZSH_EVALUATED = """\
+if [[ $zsh_eval_context[-1] == eval ]]; then
+  compdef _cyclopts_harvester harvester
+else
+  _cyclopts_harvester "$@"
+fi"""
 Shell = Literal["bash", "zsh", "fish"]
 
 
@@ -31,3 +38,5 @@ def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
             f"{shell}: no such shell{nearest(shell, shells)}; there are {', '.join(shells)}"
         )
     print(app_of(COMMANDS, scenes=built_in_names()).generate_completion(shell=shell))
+    if shell == "zsh":
+        print(ZSH_EVALUATED)

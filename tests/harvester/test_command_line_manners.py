@@ -164,7 +164,9 @@ def test_bash_completes_commands_scenes_and_options(capsys):
     assert "--report" in completed(script, "harvester validate paper --re")
 
 
-@pytest.mark.parametrize(("shell", "word"), [("zsh", "#compdef harvester"), ("fish", "complete")])
+@pytest.mark.parametrize(
+    ("shell", "word"), [("zsh", "compdef _cyclopts_harvester harvester"), ("fish", "complete")]
+)
 def test_other_shells_have_their_script(capsys, shell, word):
     assert main(["completion", shell]) == 0
     script = capsys.readouterr().out
