@@ -127,7 +127,7 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
     """
     if words[0] == "help":
         words = [*words[1:2], "--help"]
-    # An option in front belongs to the command behind it.
+    # An option in front of its command belongs to that command.
     places = words if words[0].startswith("-") else words[:1]
     called = next((word for word in places if word in COMMANDS), None)
     app = app_of([called]) if called else app_of(COMMANDS, listed=True)
@@ -139,7 +139,7 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
 
 
 def _refusal(error, words, called):
-    """One line on what is wrong with a call."""
+    """Return one line that names the mistake in a call."""
     if called is None:
         return (
             f"{named(words[0])}: no such command{nearest(words[0], COMMANDS)}; "
@@ -147,20 +147,20 @@ def _refusal(error, words, called):
         )
     shown = [option for option, _ in COMMANDS[called].options() if option.passing is not WORD]
     options = ["--help", *(option.spelling for option in shown)]
-    unused = [word for word in error.unused_tokens or () if word.startswith("-")]
+    unused = sorted(error.unused_tokens or (), key=lambda word: not word.startswith("-"))
     if isinstance(error, MissingArgumentError):
         # An option that is given and yet missing was taken for the value of the one in front of it.
         missing = error.keyword or (error.argument.name if error.argument else "")
         before = error.keyword or (missing in words and words[words.index(missing) - 1])
         if before:
             return f"{called}: {before} needs a value"
-        if not unused:
+        if not unused or not unused[0].startswith("-"):
             return f"{called}: {missing} is missing; see harvester {called} --help"
-    if isinstance(error, CoercionError):
-        return f"{called}: {error}"
     token = getattr(error, "token", None)
-    word = (token.keyword or token.value) if token else [*unused, *error.unused_tokens][0]
+    word = (token.keyword or token.value) if token else "".join(unused[:1])
     word = word.partition("=")[0]
+    if isinstance(error, CoercionError) or not (token or unused):
+        return f"{called}: {error}"
     if isinstance(error, UnknownCommandError) and word in options:
         return f"{word} goes behind {called}"
     former = [option for option in FORMER_OPTIONS.get(word, ()) if option in options]

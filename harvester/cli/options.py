@@ -76,7 +76,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
         converter=_reader(option),
         show_default=_shown_default(option, text),
         show_choices=False,
-        # A range such as -0.02:0.02:60 is a value; `_reader` refuses what is an option.
+        # A range such as -0.02:0.02:60 is a value; `_reader` refuses options.
         allow_leading_hyphen=not kind.words,
         consume_multiple=(1, None) if kind.words else None,
         allow_repeating=True,
@@ -91,7 +91,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
 
 
 def _shown_default(option, text):
-    """The default where there is one that the help does not name."""
+    """Return the default, or False if there is none or the help names it."""
     default = option.default
     plain = isinstance(default, (str, int, float)) and not isinstance(default, bool)
     if not plain or default == "" or "default" in text.replace(f'"{default}"', ""):
