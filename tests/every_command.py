@@ -8,7 +8,6 @@ import itertools
 
 import numpy as np
 
-from harvester.cli.command_line import main
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 
@@ -242,11 +241,3 @@ def covering(size, seed, devices=tuple(DEVICES)):
 def _held(case, size):
     places = itertools.combinations(range(len(case)), size)
     return {(chosen, tuple(case[place] for place in chosen)) for chosen in places}
-
-
-def run(arguments):
-    """Exit code of a call, however it ends."""
-    try:
-        return main(arguments)
-    except SystemExit as end:
-        return end.code

@@ -1,7 +1,6 @@
 """Libraries that only some commands need, imported when they are."""
 
 import importlib
-import importlib.metadata
 from types import ModuleType
 
 from harvester.base.errors import MissingLibrary
@@ -13,7 +12,9 @@ def install_command(extra: str) -> str:
     A distribution of another project may be called `harvester`, so the name is read from the
     metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
     """
-    commands = importlib.metadata.entry_points(group="console_scripts", name="harvester")
+    from importlib.metadata import entry_points
+
+    commands = entry_points(group="console_scripts", name="harvester")
     ours = (command.dist for command in commands if command.value == "harvester.__main__:main")
     name = next((distribution.name for distribution in ours if distribution), ".")
     return f"pip install '{name}[{extra}]'"

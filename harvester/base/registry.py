@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import UserDict
 from collections.abc import Mapping
-from importlib import metadata
 from typing import Any, TypeVar
 
 Part = TypeVar("Part")
@@ -29,7 +28,7 @@ class Registry(UserDict[str, Part]):
 
     def __missing__(self, name: Any) -> Part:
         if isinstance(name, str):
-            for point in metadata.entry_points(group=self._group, name=name):
+            for point in _entry_points(group=self._group, name=name):
                 self.data[name] = point.load()
         if name not in self.data:
             raise KeyError(name)
@@ -44,7 +43,7 @@ class Registry(UserDict[str, Part]):
 
     def load_all(self) -> None:
         """Load the parts of all installed packages."""
-        for point in metadata.entry_points(group=self._group):
+        for point in _entry_points(group=self._group):
             self[point.name]
 
     def name_of(self, part: Part) -> str:
@@ -61,3 +60,10 @@ class Registry(UserDict[str, Part]):
             if registered is part:
                 return name
         raise KeyError(f"{part!r} is no entry point of {self._group}")
+
+
+def _entry_points(**selected):
+    # Its import takes a tenth of the time that the help of a command does.
+    from importlib import metadata
+
+    return metadata.entry_points(**selected)

@@ -1,6 +1,6 @@
 """The options of a public function from its signature: unit, spelling and check.
 
-The annotation of a parameter is its option at the command line (`harvester.cli.parsing`) and
+The annotation of a parameter is its option at the command line (`harvester.cli.options`) and
 its check in Python (`harvester.scene.calling`). An `Annotated` alias such as `Seconds` holds what
 the Python type leaves open: the unit, the range, how a list is written.
 """
@@ -13,18 +13,20 @@ import inspect
 import math
 import numbers
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import NotANumber, is_real, number
+from harvester.base.numbers import is_real, number
 from harvester.base.plain_text import named, shown
 
+KEYWORD = inspect.Parameter.KEYWORD_ONLY
 # Longest list of numbers that a grid such as 1:10:log:50 may give.
 MOST_NUMBERS = 100_000
+LIST = "0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or 0.1,0.2,0.5"
+BY_KEY = f"written as TABLE.KEY=LIST, the list as {LIST}"
 
 
 @dataclass(frozen=True)
@@ -42,112 +44,106 @@ class Kind:
     option : str
         Name of the option where it is not that of the parameter.
     read : callable or None
-        The value that a text of the command line means, given the text and the option. With
-        `again` it is given the list of all texts.
-    again : bool
-        The option may be given several times.
+        The value that a text of the command line means; a ValueError or LookupError refuses it.
+        With `words` it is given a list of texts. None: a number or the text, by the Python type.
+    join : callable or None
+        Makes one value, given a list of values and the option's spelling; the option may then be
+        given several times.
     words : bool
-        Each time it takes several words.
+        Each time the option takes several words.
     """
 
     metavar: str = ""
     required: str = ""
     holds: Callable[[Any], bool] | None = None
     option: str = ""
-    read: Callable[[Any, str], Any] | None = None
-    again: bool = False
+    read: Callable[[Any], Any] | None = None
+    join: Callable[[list[Any], str], Any] | None = None
     words: bool = False
 
 
-def grid_of(text: str, option: str) -> list[float]:
+def grid_of(text: str) -> list[float]:
     """Numbers from their short form: 0.1:2:log:40, -8m:8m:40 (evenly spaced) or 0.1,0.2,0.5.
 
-    Raises
-    ------
-    HarvesterError
-        Names the option.
+    Raises ValueError or LookupError.
     """
     import numpy as np
 
     first, *others = text.split(":")
-    reason = ""
-    try:
-        if not others:
-            return [number(part) for part in text.split(",")]
-        last, *words, points = others
-        (spacing,) = words or ["linear"]
-        grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
-        low, high, count = number(first), number(last), int(points)
-        allowed = low > 0.0 or spacing == "linear"
-        if allowed and low < high < math.inf and 1 < count <= MOST_NUMBERS:
-            return [float(value) for value in grid(low, high, count)]
-    except (ValueError, KeyError) as error:
-        reason = f" ({error})" if isinstance(error, NotANumber) else ""
-    raise HarvesterError(
-        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or "
-        f"0.1,0.2,0.5{reason}"
-    )
+    if not others:
+        return [number(part) for part in text.split(",")]
+    last, *words, points = others
+    (spacing,) = words or ["linear"]
+    grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
+    low, high, count = number(first), number(last), int(points)
+    allowed = low > 0.0 or spacing == "linear"
+    if not (allowed and low < high < math.inf and 1 < count <= MOST_NUMBERS):
+        raise ValueError(text)
+    return [float(value) for value in grid(low, high, count)]
 
 
-def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
-    """Keys to lists of numbers or words, from table.key=LIST: load.netlist=bridge,sece."""
-    pairs = by_key(texts, option, "table.key=LIST")
-    return {
-        key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")
-        for key, values in pairs.items()
-    }
+def pair_of(read: Callable[[str], Any], alone: bool = False) -> Callable[[str], tuple[str, Any]]:
+    """Return a function from TABLE.KEY=VALUE to key and value; None for a key that may be alone."""
+
+    def pair(text: str) -> tuple[str, Any]:
+        key, separator, value = (part.strip() for part in text.partition("="))
+        if not value and (separator or not alone):
+            raise ValueError(text)
+        return key, read(value) if value else None
+
+    return pair
 
 
-def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
-    """Keys to ranges, from TABLE.KEY or TABLE.KEY=LOW:HIGH for each key."""
-    ranges: dict[str, tuple[float, float] | None] = {}
-    for text in texts:
-        key, separator, ends = (part.strip() for part in text.partition("="))
-        if key in ranges:
-            raise HarvesterError(f"{option} {named(key)}: is there twice")
-        try:
-            low, high = map(number, ends.split(":")) if separator else (math.nan, math.nan)
-        except ValueError as error:
-            reason = f" ({error})" if isinstance(error, NotANumber) else ""
-            raise HarvesterError(
-                f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
-                f"load.resistance=10k:1meg{reason}"
-            ) from None
-        ranges[key] = (low, high) if separator else None
-    return ranges
+def range_of(text: str) -> tuple[float, float]:
+    low, high = map(number, text.split(":"))
+    return low, high
 
 
-def window_of(text: str, option: str) -> tuple[float, float]:
+def window_of(text: str) -> tuple[float, float]:
     """Two times in seconds from START:END, or from "all" those of the whole run."""
-    if text == "all":
-        return 0.0, math.inf
-    try:
-        start, stop = map(float, text.split(":"))
-    except ValueError:
-        raise HarvesterError(
-            f"{option} {named(text)}: write it as START:END, in s, or all"
-        ) from None
+    start, stop = (0.0, math.inf) if text == "all" else map(float, text.split(":"))
     return start, stop
 
 
-def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
+def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
     """Files with their settings: words with = belong to the file before them."""
     files: list[tuple[str, dict[str, Any]]] = []
-    for group in groups:
-        for index, word in enumerate(group):
-            if index == 0 or "=" not in word:
-                files.append((word, {}))
-                continue
-            name, _, value = (part.strip() for part in word.partition("="))
-            if not name or not value:
-                raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
-            # Keys of the scene take numbers, columns any name.
-            settings = files[-1][1]
-            settings[name] = value
-            with contextlib.suppress(ValueError):
-                settings[name] = number(value) if "." in name else value
+    for word in words:
+        if not files or "=" not in word:
+            files.append((word, {}))
+            continue
+        name, value = pair_of(str)(word)
+        if not name:
+            raise ValueError(word)
+        # Keys of the scene take numbers, columns any name.
+        settings = files[-1][1]
+        settings[name] = value
+        with contextlib.suppress(ValueError):
+            settings[name] = number(value) if "." in name else value
+    return files
+
+
+def as_list(values: list[Any], option: str) -> list[Any]:
+    return values
+
+
+def together(lists: list[list[Any]], option: str) -> list[Any]:
+    return [item for items in lists for item in items]
+
+
+def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
+    """Keys and their values; a key that is there twice is refused."""
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise HarvesterError(f"{option} {named(key)}: is there twice")
+    return dict(pairs)
+
+
+def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str, Any]]]:
+    """Files with their settings, all of them different."""
     seen: list[tuple[str, dict[str, Any]]] = []
-    for file, settings in files:
+    for file, settings in together(lists, option):
         # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
         one = (os.path.realpath(file), settings)
         if one in seen:
@@ -156,32 +152,15 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
                 "counts once: leave one out"
             )
         seen.append(one)
-    return files
+    return together(lists, option)
 
 
-def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
+def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
     """One file with its settings."""
-    records = records_of([words], option)
-    if len(records) > 1:
-        raise HarvesterError(f"{option} {named(records[1][0])}: one file is read, with NAME=VALUE")
-    return records[0]
-
-
-def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
-    """Keys to what stands behind the equals sign.
-
-    Raises
-    ------
-    HarvesterError
-        No equals sign, nothing behind it, or a key that was there.
-    """
-    value_by_key: dict[str, str] = {}
-    for text in texts:
-        key, _, value = (part.strip() for part in text.partition("="))
-        if not value or key in value_by_key:
-            raise HarvesterError(f"{option} {named(text)}: write it as {example}, each key once")
-        value_by_key[key] = value
-    return value_by_key
+    record, *others = together(lists, option)
+    if others:
+        raise HarvesterError(f"{option} {named(others[0][0])}: one file is read, with NAME=VALUE")
+    return record
 
 
 def _positive(value: Any) -> bool:
@@ -214,42 +193,45 @@ Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
 Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
-Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
+Grid = Annotated[Sequence[float], Kind("LIST", f"written as {LIST}", read=grid_of)]
 Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
-    Kind(
-        "TABLE.KEY=LIST",
-        option="sweep",
-        read=lambda texts, option: {
-            key: grid_of(values, f"{option} {key}")
-            for key, values in by_key(texts, option, "table.key=LIST").items()
-        },
-        again=True,
-    ),
+    Kind("TABLE.KEY=LIST", BY_KEY, option="sweep", read=pair_of(grid_of), join=by_key),
 ]
 OneKey = Annotated[Mapping[str, Sequence[float]] | str, Kind("TABLE.KEY")]
 Over = Annotated[
-    Mapping[str, Sequence[float | str]], Kind("TABLE.KEY=LIST", read=over_of, again=True)
-]
-Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
-Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
-Distributions = Annotated[
-    Mapping[str, str],
+    Mapping[str, Sequence[float | str]],
     Kind(
-        "TABLE.KEY=DISTRIBUTION",
-        read=lambda texts, option: by_key(texts, option, "TABLE.KEY=±10%"),
-        again=True,
+        "TABLE.KEY=LIST",
+        BY_KEY,
+        read=pair_of(lambda text: text.split(",") if text[:1].isalpha() else grid_of(text)),
+        join=by_key,
     ),
 ]
-Ranges = Annotated[
-    str | Mapping[str, tuple | None], Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True)
+Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", join=as_list)]
+Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", join=as_list)]
+Distributions = Annotated[
+    Mapping[str, str],
+    Kind("TABLE.KEY=DISTRIBUTION", "written as TABLE.KEY=±10%", read=pair_of(str), join=by_key),
 ]
-Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
-Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
-Faults = Annotated[Sequence[str], Kind("FAULT", again=True)]
-Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
-Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
+Ranges = Annotated[
+    str | Mapping[str, tuple | None],
+    Kind(
+        "TABLE.KEY[=LOW:HIGH]",
+        "written as TABLE.KEY=LOW:HIGH, such as load.resistance=10k:1meg",
+        read=pair_of(range_of, alone=True),
+        join=by_key,
+    ),
+]
+Window = Annotated[
+    tuple[float, float] | str,
+    Kind("START:END|all", "written as START:END, in s, or all", read=window_of),
+]
+Nodes = Annotated[Sequence[str], Kind("NAME", option="node", join=as_list)]
+Faults = Annotated[Sequence[str], Kind("FAULT", join=as_list)]
+Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", join=as_list)]
+Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", join=as_list)]
 
 
 class RunnerOptions(TypedDict, total=False):
@@ -299,7 +281,7 @@ class Option(NamedTuple):
     type : object
         Type of the value, without the None that stands for a value left out; None where only a type
         checker knows the names in it.
-    kind : Kind or None
+    kind : Kind
     default : object
         `inspect.Parameter.empty` where the parameter must be given.
     passing : object
@@ -309,16 +291,27 @@ class Option(NamedTuple):
 
     name: str
     type: Any
-    kind: Kind | None
+    kind: Kind
     default: Any
     passing: Any
     may_be_none: bool
 
+    @classmethod
+    def of(cls, name: str, annotation: Any, default: Any = None, passing: Any = KEYWORD) -> Option:
+        """The option that an evaluated annotation describes."""
+        parts = get_args(annotation)
+        may_be_none = type(None) in parts
+        if may_be_none and len(parts) == 2:
+            (annotation,) = (part for part in parts if part is not type(None))
+        kinds = [part for part in get_args(annotation) if isinstance(part, Kind)]
+        value_type = get_args(annotation)[0] if kinds else annotation
+        kind = kinds[0] if kinds else Kind("NAME" if value_type is str else "N")
+        return cls(name, value_type, kind, default, passing, may_be_none)
+
     @property
     def spelling(self) -> str:
-        """Name at the command line, without dashes in front."""
-        option_name = self.kind.option if self.kind else ""
-        return option_name or self.name.replace("_", "-")
+        """Name at the command line."""
+        return f"--{self.kind.option or self.name.replace('_', '-')}"
 
     def check(self, value: Any) -> None:
         """Refuse a value that is out of range.
@@ -329,8 +322,8 @@ class Option(NamedTuple):
         """
         if value is None and self.may_be_none:
             return
-        if self.kind and self.kind.holds and not self.kind.holds(value):
-            raise HarvesterError(f"--{self.spelling} {shown(value)}: must be {self.kind.required}")
+        if self.kind.holds and not self.kind.holds(value):
+            raise HarvesterError(f"{self.spelling} {shown(value)}: must be {self.kind.required}")
 
 
 @functools.cache
@@ -338,22 +331,14 @@ def options_of(function: Callable) -> dict[str, Option]:
     """A function's parameters by name, with those of the typed dictionary that collects others."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
-    for parameter in inspect.signature(function).parameters.values():
+    for name, parameter in inspect.signature(function).parameters.items():
+        annotation = _evaluated(parameter.annotation, function.__globals__)
         if parameter.kind is parameter.VAR_KEYWORD:
-            (collected,) = get_args(_evaluated(parameter.annotation, function.__globals__))
-            module_names = vars(sys.modules[collected.__module__])
-            for name, annotation in collected.__annotations__.items():
-                if name not in options:
-                    text = getattr(annotation, "__forward_arg__", annotation)
-                    options[name] = _option(name, text, module_names, None, parameter.KEYWORD_ONLY)
+            (collected,) = get_args(annotation)
+            hints = get_type_hints(collected, include_extras=True)
+            options |= {n: Option.of(n, hint) for n, hint in hints.items() if n not in options}
         else:
-            options[parameter.name] = _option(
-                parameter.name,
-                parameter.annotation,
-                function.__globals__,
-                parameter.default,
-                parameter.kind,
-            )
+            options[name] = Option.of(name, annotation, parameter.default, parameter.kind)
     return options
 
 
@@ -369,25 +354,9 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
         options[name].check(value)
 
 
-def _option(name, annotation, names, default, passing):
-    """The option that an annotation, which may be text, describes."""
-    kind, may_be_none = None, False
-    value_type = _evaluated(annotation, names)
-    parts = [part for part in get_args(value_type) if part is not type(None)]
-    if type(None) in get_args(value_type):
-        may_be_none = True
-        value_type = parts[0] if len(parts) == 1 else value_type
-    if get_origin(value_type) is Annotated:
-        value_type, kind = get_args(value_type)
-    return Option(name, value_type, kind, default, passing, may_be_none)
-
-
 def _evaluated(annotation, names):
-    """The object that an annotation's text stands for; None if only type checkers import its
-    names."""
-    if not isinstance(annotation, str):
-        return annotation
+    """The object of an annotation's text; None if only type checkers import its names."""
     try:
-        return eval(annotation, names)
+        return eval(annotation, names) if isinstance(annotation, str) else annotation
     except NameError:
         return None

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import pkgutil
 import re
-from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import harvester
 from harvester.base.errors import SimulationError
-from harvester.base.signatures import File, Folder, RunnerOptions, options_of
-from harvester.base.tables import require_xarray
+from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
+from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
-from harvester.cli.parsing import add_extra, add_options, is_scene, overrides_of, values_of
-from harvester.cli.shown import say
+from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner
@@ -29,61 +27,78 @@ class Command:
 
     Attributes
     ----------
-    function : callable or str
-        Returns the exit code, or None for 0. A text names a public function of `harvester`, which
-        is imported when the command is called.
+    function : str
+        MODULE:NAME, imported when the command or its help is called. It returns the exit code, or
+        None for 0.
     example : str
         A call, behind the program's name.
     bar : str
         Content of the progress bar; left out: there is none.
     """
 
-    function: Callable | str
+    function: str
     example: str
     bar: str = ""
 
     @property
     def name(self) -> str:
         """The function's name as the command line has it."""
-        function_name = self.function if isinstance(self.function, str) else self.function.__name__
-        return function_name.replace("_", "-")
+        return self.function.partition(":")[2].replace("_", "-")
 
     @property
     def target(self) -> Callable:
-        """The function that the command calls, imported if it was given by name."""
-        if isinstance(self.function, str):
-            return getattr(harvester, self.function)
-        return self.function
+        """The function that the command calls."""
+        return pkgutil.resolve_name(self.function)
 
-    def fill(self, parser: ArgumentParser) -> None:
-        add_options(parser, self.target)
+    def options(self) -> Iterator[tuple[Option, str]]:
+        """The command's options, each with its help."""
+        yield from options_shown(self.target)
+        yield Option.of("quiet", bool, False), "Show errors only, and what goes to -."
 
-    def run(self, options: Namespace) -> int | None:
+    def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
+        """The function that cyclopts reads the options from; `scenes`: see `parameter_of`."""
+
+        def call(**values: Any) -> int | None:
+            for name, option in options_of(self.target).items():
+                if option.type is bool and name in values:
+                    # The option of a setting that is on by default turns it off.
+                    values[name] ^= option.default is True
+            with quiet(values.pop("quiet", False)):
+                return self.run(values)
+
+        parameters = [parameter_of(option, text, scenes) for option, text in self.options()]
+        parameters.sort(key=lambda parameter: parameter.kind)
+        call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        call.__annotations__ = {item.name: item.annotation for item in parameters}
+        return call
+
+    def run(self, values: dict[str, Any]) -> int | None:
         """Carry the command out; returns the exit code, or None for 0."""
         from harvester.cli.console import progress
 
         with progress() if self.bar else contextlib.nullcontext() as follow:
             if follow:
                 follow(self.bar, None)
-            return self._call(self._scene(options), values_of(options, self.target))
+            return self._call(self._scene(values), values)
 
-    def _scene(self, options: Namespace) -> Scene | None:
+    def _scene(self, values: dict[str, Any]) -> Scene | None:
         """The scene that the call names, overrides and seed put in; None where there is none."""
-        if not any(map(is_scene, options_of(self.target).values())):
+        scene = next(filter(is_scene, options_of(self.target).values()), None)
+        if scene is None:
             return None
         from harvester.scene.model import Scene
 
-        changes = {
-            name: getattr(options, name) for name in ("overrides", "seed") if name in options
-        }
-        return Scene.read(options.scene, overrides_of(**changes))
+        overrides = values.pop("overrides", [])
+        if "seed" in values:
+            overrides.append(f"run.seed={values.pop('seed')}")
+        return Scene.read(values.pop("scene", scene.default), overrides)
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
             values.pop(option.name)
             for option in options_of(self.target).values()
-            if option.passing is inspect.Parameter.POSITIONAL_ONLY and option.name in values
+            if option.passing is WORD and option.name in values
         ]
         return self.target(*([] if scene is None else [scene]), *words, **values)
 
@@ -122,7 +137,7 @@ class StudyCommand(Command):
     Attributes
     ----------
     title : str or callable
-        Over the table; or what gives it, of the result.
+        Over the table; or what gives it, of the result; left out: the command's name.
     stem : str
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.
@@ -150,28 +165,32 @@ class StudyCommand(Command):
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
-    def fill(self, parser: ArgumentParser) -> None:
-        super().fill(parser)
+    def options(self) -> Iterator[tuple[Option, str]]:
+        *options, quiet_option = super().options()
+        yield from options
         if self.json:
-            add_extra(parser, "json", File, "write JSON; - for standard output")
+            yield Option.of("json", File), "Write JSON; - for standard output."
         if not self._takes_runner():
-            add_extra(parser, "output", Folder, "folder for JSON and figure")
+            yield Option.of("output", Folder), "Folder for JSON and figure."
         if self.waveform:
-            text = "write a realization over time (see --window, --node): a .csv, .nc or .png file"
-            add_extra(parser, "waveform", File, text)
-        text = "write one self-contained HTML page with everything"
-        add_extra(parser, "report", File, text)
+            text = "Write a realization over time (see --window, --node): a .csv, .nc or .png file."
+            yield Option.of("waveform", File), text
+        yield Option.of("report", File), "Write one self-contained HTML page with everything."
+        yield quiet_option
 
-    def run(self, options: Namespace) -> int:
-        scene, values = self._scene(options), values_of(options, self.target)
+    def run(self, values: dict[str, Any]) -> int:
+        scene = self._scene(values)
+        places = {kind: values.pop(kind, None) for kind in ("json", "report", "waveform")}
+        # The runner's folder is an option of the function.
+        places["output"] = (values.get if self._takes_runner() else values.pop)("output", None)
         _say_costs(scene)
         defaults = {name: option.default for name, option in options_of(self.target).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        kinds = ("json", "output", "report", "waveform")
-        places = {kind: getattr(options, kind, None) for kind in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
+            from harvester.base.tables import require_xarray
+
             # Raised now rather than after a long run: the library of these files is missing.
             require_xarray()
         # The progress bar of a single simulation names its method.
@@ -196,6 +215,7 @@ class StudyCommand(Command):
 
     def _deliver(self, result, name, folder, json, output, report, waveform):
         title = self.title(result) if callable(self.title) else self.title
+        title = title or self.name.replace("-", " ")
         show(result, title, json)
         try:
             if not self.files:
@@ -241,5 +261,4 @@ class StudyCommand(Command):
 
     def _takes_runner(self):
         """Whether the function takes `**running`, the options of a study's runner."""
-        parameters = inspect.signature(self.target).parameters.values()
-        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+        return "time_budget" in options_of(self.target)

@@ -6,12 +6,22 @@ import _thread
 import sys
 import threading
 import warnings
+from collections.abc import Callable
+from typing import Any
+
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+)
 
 from harvester.base.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
-from harvester.base.plain_text import nearest
+from harvester.base.plain_text import named, nearest
 from harvester.base.standard_streams import guarded_streams
-from harvester.cli.shown import print_error, quiet
-from harvester.cli.table import build_parser
+from harvester.cli.options import WORD
+from harvester.cli.shown import print_error
+from harvester.cli.table import COMMANDS, app_of
 from harvester.scene.calling import AT_COMMAND_LINE
 
 # Former names of options, with the present ones.
@@ -25,7 +35,7 @@ FORMER_OPTIONS = {
     "--values": ("--over", "--sweep"),
     "--csv": ("--output",),
 }
-# Most words of a call. argparse's time grows with the square of their number.
+# Most words of a call. The time to read them grows with the square of their number.
 MOST_ARGUMENTS = 2000
 # After so many seconds an interrupt that C code lost is repeated.
 LOST_INTERRUPT_SECONDS = 0.1
@@ -54,8 +64,6 @@ def main(arguments: list[str] | None = None) -> int:
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
-        except SystemExit as end:
-            raise SystemExit(exit_code(end.code)) from None
         finally:
             sys.unraisablehook = hook
 
@@ -85,11 +93,10 @@ def _run(arguments):
     if not arguments:
         print(WELCOME)
         return 0
-    options = _parsed(arguments)
     token = AT_COMMAND_LINE.set(True)
     try:
-        with quiet(options.quiet):
-            return options.command.run(options) or 0
+        function, values = parsed(arguments)
+        return function(**values) or 0
     except SimulationError as error:
         print_error(f"{type(error).__name__}: {error}")
         return 2 if isinstance(error, LoadChatters) else 1
@@ -115,20 +122,51 @@ def _run(arguments):
         AT_COMMAND_LINE.reset(token)
 
 
-def _parsed(arguments):
-    """The options; one that a command does not have is refused with the nearest."""
-    if arguments[0] == "help":
-        arguments = [*arguments[1:2], "--help"]
-    # Only this command's function is imported for its options.
-    parser, commands = build_parser(arguments[0])
-    options, unknown = parser.parse_known_args(arguments)
-    if unknown:
-        command = commands.choices[options.command.name]
-        spellings = [word for action in command._actions for word in action.option_strings]
-        word = unknown[0].partition("=")[0]
-        if word in spellings:
-            command.error(f"argument {word} goes behind {options.command.name}")
-        former = [each for each in FORMER_OPTIONS.get(word, ()) if each in spellings]
-        hint = f" (did you mean {former[0]}?)" if former else nearest(word, spellings)
-        command.error(f"unknown argument {word}{hint}")
-    return options
+def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]:
+    """The function of a call, and its arguments.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if words[0] == "help":
+        words = [*words[1:2], "--help"]
+    # An option in front of its command belongs to that command.
+    places = words if words[0].startswith("-") else words[:1]
+    called = next((word for word in places if word in COMMANDS), None)
+    app = app_of([called]) if called else app_of(COMMANDS, listed=True)
+    try:
+        function, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
+    except CycloptsError as error:
+        raise HarvesterError(_refusal(error, words, called)) from None
+    return function, bound.arguments
+
+
+def _refusal(error, words, called):
+    """Return one line that names the mistake in a call."""
+    if called is None:
+        return (
+            f"{named(words[0])}: no such command{nearest(words[0], COMMANDS)}; "
+            "harvester --help lists them"
+        )
+    shown = [option for option, _ in COMMANDS[called].options() if option.passing is not WORD]
+    options = ["--help", *(option.spelling for option in shown)]
+    unused = sorted(error.unused_tokens or (), key=lambda word: not word.startswith("-"))
+    if isinstance(error, MissingArgumentError):
+        # An option that is given and yet missing was taken for the value of the one in front of it.
+        missing = error.keyword or (error.argument.name if error.argument else "")
+        before = error.keyword or (missing in words and words[words.index(missing) - 1])
+        if before:
+            return f"{called}: {before} needs a value"
+        if not unused or not unused[0].startswith("-"):
+            return f"{called}: {missing} is missing; see harvester {called} --help"
+    token = getattr(error, "token", None)
+    word = (token.keyword or token.value) if token else "".join(unused[:1])
+    word = word.partition("=")[0]
+    if isinstance(error, CoercionError) or not (token or unused):
+        return f"{called}: {error}"
+    if isinstance(error, UnknownCommandError) and word in options:
+        return f"{word} goes behind {called}"
+    former = [option for option in FORMER_OPTIONS.get(word, ()) if option in options]
+    hint = f" (did you mean {former[0]}?)" if former else nearest(word, options)
+    return f"{called}: unknown argument {named(word)}{hint}"

@@ -16,9 +16,9 @@ from harvester.base.signatures import (
     Seed,
     Share,
     Step,
+    as_list,
 )
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
-from harvester.cli.parsing import overrides_of
 
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName
@@ -73,7 +73,7 @@ def accuracy(
 
 
 def reproduce(
-    figures: Annotated[Sequence[str], Kind("FIGURE")] = ("all",),
+    figures: Annotated[Sequence[str], Kind("FIGURE", join=as_list)] = ("all",),
     /,
     *,
     quick: bool = False,
@@ -114,7 +114,8 @@ def reproduce(
             )
     names = [name for name in NAMES if name in figures or "all" in figures]
     check_places(None, output, files=[file for name in names for file in result_files(name)])
-    scene, finished = Scene.read("paper", overrides_of(seed=seed)), {}
+    scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
+    finished = {}
 
     def keep(content):
         write_result(None, output, content.name, content)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from harvester.base.arguments import listed
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import shown
-from harvester.base.signatures import Kind, one_record_of, records_of
+from harvester.base.signatures import Kind, files_of, one_record_of, records_of, together
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
@@ -20,14 +21,11 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-Records = Annotated[
-    Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
-]
-KeptRecords = Annotated[
-    Any, Kind("FILE [SETTING=VALUE]", option="keep-aside", read=records_of, again=True, words=True)
-]
-Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
-Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, words=True)]
+_FILE = Kind("FILE [SETTING=VALUE]", "written as FILE NAME=VALUE", read=files_of, words=True)
+Records = Annotated[Any, replace(_FILE, option="record", join=records_of)]
+KeptRecords = Annotated[Any, replace(_FILE, option="keep-aside", join=records_of)]
+Keys = Annotated[Sequence[str], Kind("TABLE.KEY", read=list, join=together, words=True)]
+Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7

@@ -33,7 +33,7 @@ Answer = TypeVar("Answer")
 def _in_python(message: str, accepted: Mapping[str, Option]) -> str:
     """A message that names parameters where it named the options of a command."""
     names = {option.spelling: name for name, option in accepted.items()}
-    return re.sub(r"--([a-z][a-z-]*)", lambda found: names.get(found[1], found[0]), message)
+    return re.sub(r"--[a-z][a-z-]*", lambda found: names.get(found[0], found[0]), message)
 
 
 def scene_of(scene: SceneOrName) -> Scene:

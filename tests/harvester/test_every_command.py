@@ -11,6 +11,7 @@ import worker_calls
 
 from harvester.averaging import closures
 from harvester.base.worker_process import Worker
+from harvester.cli.command_line import main
 from harvester.engines.task import Task
 from harvester.validation import accuracy_measurement as measurement
 from harvester.validation import stability as matrix
@@ -91,7 +92,7 @@ def speeds_here(scene, version):
 def faults(case, folder, capsys):
     """What is wrong with the end of a call, or ""."""
     capsys.readouterr()
-    code = every_command.run(every_command.call(case, folder))
+    code = main(every_command.call(case, folder))
     streams = capsys.readouterr()
     said = streams.out + streams.err
     found = FAULT.search(said)
@@ -114,7 +115,7 @@ def test_each_command_answers(case, folder, capsys):
     if case[0] == "optimum":
         assert not faults(case, folder, capsys)
     else:
-        code = every_command.run(every_command.call(case, folder))
+        code = main(every_command.call(case, folder))
         assert code in (0, None), capsys.readouterr()
         assert not FAULT.search(str(capsys.readouterr()))
 

@@ -25,7 +25,7 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize(
-    "module", ["harvester.cli.command_line", "argparse", "harvester.scene.model", "numpy"]
+    "module", ["harvester.cli.command_line", "cyclopts", "harvester.scene.model", "numpy"]
 )
 def test_an_interrupt_while_libraries_are_imported_is_one_line(module):
     program = INTERRUPTED.format(module=module)

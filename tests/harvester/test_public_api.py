@@ -66,7 +66,7 @@ def test_annotations_are_shipped(package):
     assert (ROOT / package / "py.typed").exists()
 
 
-COMMAND_LINE = "from harvester.cli.table import build_parser; build_parser()"
+COMMAND_LINE = "from harvester.cli.table import COMMANDS, app_of; app_of(COMMANDS)"
 
 
 @pytest.mark.parametrize("statement", ["import harvester; dir(harvester)", COMMAND_LINE])

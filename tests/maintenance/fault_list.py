@@ -71,6 +71,7 @@ OF_ORBITS = "harvester/studies/orbits/test_orbits.py"
 OF_SPECTRUM = "harvester/excitation/test_spectrum.py"
 WELL_BALANCE = "harvester/statistics/well_balance.py"
 OF_WELL_BALANCE = ("harvester/statistics/test_well_balance.py",)
+OF_OPTIONS = ("harvester/cli/test_options.py",)
 KEY = (f"{OF_STORE}::test_the_key_follows_all_that_decides_the_numbers",)
 NO_ANSWER = (f"{OF_STORE}::test_what_is_no_answer_is_named_and_written_again",)
 LINEAR = ("harvester/averaging/test_fokker_planck.py::test_linear_device",)
@@ -620,9 +621,23 @@ FAULTS = [
     Fault(
         "command line: what a command ends with is lost",
         COMMAND_LINE,
-        "return options.command.run(options) or 0",
-        "return 0 * (options.command.run(options) or 0)",
+        "return function(**values) or 0",
+        "return 0 * (function(**values) or 0)",
         MANNERS,
+    ),
+    Fault(
+        "command line: all words behind --record belong to the first of them",
+        "harvester/cli/options.py",
+        "if token.index == 0 or not kind.words:",
+        "if not groups or not kind.words:",
+        OF_OPTIONS,
+    ),
+    Fault(
+        "command line: an option that turns a setting off turns it on",
+        "harvester/cli/command.py",
+        "values[name] ^= option.default is True",
+        "values[name] ^= False",
+        OF_OPTIONS,
     ),
     Fault(
         "command line: the first of two values of a key counts",

@@ -355,8 +355,8 @@ def test_a_dask_cluster_gives_identical_numbers(linear, pool, dask_executor):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--sweep", "excitation.intensity"], "write it as table.key=LIST"),
-        (["--sweep", "excitation.intensity=1:2:log"], "write it as 0.1:2:log:40"),
+        (["--sweep", "excitation.intensity"], "must be written as TABLE.KEY=LIST"),
+        (["--sweep", "excitation.intensity=1:2:log"], "the list as 0.1:2:log:40"),
         (["--method", "circuitt"], "did you mean circuit"),
         (["--precision", "3"], "must be a number in"),
         (["--load", "nothing"], "no such load"),

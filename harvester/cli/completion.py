@@ -1,0 +1,42 @@
+"""`harvester completion`: what a shell needs to complete commands, options, scenes and files."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, get_args
+
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import nearest
+from harvester.base.signatures import Kind
+
+# The script of zsh as a file is a function to be called; evaluated, it has to be registered.
+ZSH_EVALUATED = """\
+if [[ $zsh_eval_context[-1] == eval ]]; then
+  compdef _cyclopts_harvester harvester
+else
+  _cyclopts_harvester "$@"
+fi"""
+Shell = Literal["bash", "zsh", "fish"]
+
+
+def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
+    """Print the completion script of a shell.
+
+    For this session: eval it; for good: write it where the shell looks, such as
+    ~/.local/share/bash-completion/completions/harvester.
+
+    Parameters
+    ----------
+    shell : str
+        bash, zsh, fish.
+    """
+    from harvester.cli.table import COMMANDS, app_of
+    from harvester.scene.source import built_in_names
+
+    shells = get_args(Shell)
+    if shell not in shells:
+        raise HarvesterError(
+            f"{shell}: no such shell{nearest(shell, shells)}; there are {', '.join(shells)}"
+        )
+    print(app_of(COMMANDS, scenes=built_in_names()).generate_completion(shell=shell))
+    if shell == "zsh":
+        print(ZSH_EVALUATED)
