@@ -24,17 +24,12 @@ from harvester.cli.shown import print_error
 from harvester.cli.table import COMMANDS, app_of
 from harvester.scene.calling import AT_COMMAND_LINE
 
-# Former names of options, with the present ones.
-FORMER_OPTIONS = {
-    "--engine": ("--method",),
-    "--closure": ("--method",),
-    # Commands that vary a key name the option differently.
-    "--over": ("--sweep", "--vary"),
-    "--sweep": ("--over", "--vary"),
-    "--vary": ("--over", "--sweep"),
-    "--values": ("--over", "--sweep"),
-    "--csv": ("--output",),
-}
+# Options of the same meaning: former names, and those that other commands use.
+SYNONYMS = (
+    ("--method", "--engine", "--closure"),
+    ("--over", "--sweep", "--vary", "--values"),
+    ("--output", "--csv"),
+)
 # Most words of a call. The time to read them grows with the square of their number.
 MOST_ARGUMENTS = 2000
 # After so many seconds an interrupt that C code lost is repeated.
@@ -167,6 +162,6 @@ def _refusal(error, words, called):
         return f"{called}: {error}"
     if isinstance(error, UnknownCommandError) and word in options:
         return f"{word} goes behind {called}"
-    former = [option for option in FORMER_OPTIONS.get(word, ()) if option in options]
-    hint = f" (did you mean {former[0]}?)" if former else nearest(word, options)
+    same = [option for group in SYNONYMS if word in group for option in group if option in options]
+    hint = f" (did you mean {same[0]}?)" if same else nearest(word, options)
     return f"{called}: unknown argument {named(word)}{hint}"
