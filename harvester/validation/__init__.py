@@ -11,8 +11,6 @@ VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
 POWER, OUTPUT_POWER = "mean_power", "mean_output_power"
 EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
-# A difference is significant from this number of standard errors on; by chance one in 370 is.
-SIGNIFICANT_SIGMAS = 3.0
 # Wall-clock limit of one case of `stability` by one engine or closure, in seconds.
 TIME_LIMIT = 120.0
 

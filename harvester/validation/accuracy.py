@@ -19,8 +19,9 @@ from harvester.engines.simulate import require_noise
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
+from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.statistics.estimate import Estimate
-from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
+from harvester.validation import MEANS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
     LIMITS,
     MethodRow,

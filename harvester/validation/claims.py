@@ -13,7 +13,7 @@ from harvester.results.view import ResultBase, View
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
-from harvester.validation import SIGNIFICANT_SIGMAS
+from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.validation.paper_figures import (
     answered,
     costly_first,

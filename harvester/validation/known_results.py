@@ -27,7 +27,8 @@ from harvester.excitation.base import kernel_loss
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.validation import SIGNIFICANT_SIGMAS, entries, formulas, tasks
+from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
+from harvester.validation import entries, formulas, tasks
 
 # Periods that a measured device's run averages; a rectifier's storage discharges to 1/e in 10. The
 # paper does not state the storage; the ripple of this one costs less than 0.1 % of the power.

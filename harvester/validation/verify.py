@@ -18,7 +18,8 @@ from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, told
 from harvester.engines.task import Task
 from harvester.results.view import ResultBase, View
-from harvester.validation import SIGNIFICANT_SIGMAS, entries
+from harvester.statistics.agreement import SIGNIFICANT_SIGMAS, differ
+from harvester.validation import entries
 from harvester.validation.known_results import Truth, catalogue, measured, scatter_of
 from harvester.version import __version__
 
@@ -63,7 +64,8 @@ class TruthRow:
         """holds, FAILS, misses, not known well enough, refused, not here or unfinished."""
         if self.ended:
             return self.ended
-        if not abs(self.value - self.truth.exact) <= self.limit:
+        off, allowance = self.value - self.truth.exact, self.truth.allowance
+        if math.isnan(off) or differ(off, self.standard_error, allowance=allowance):
             return MISSES if self.truth.device else FAILS
         blunt = SIGNIFICANT_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
         return BLUNT if blunt else HOLDS
