@@ -39,7 +39,7 @@ DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Prefix of the name of a node at a load's pin.
 PIN = ":"
-# Stray capacitance of each output node, as a share of the transducer's.
+# Stray capacitance of an output node that nothing else holds, as a share of the transducer's.
 STRAY_SHARE = 1e-6
 # Node that follows the held impact speed (`HELD`) one step later.
 LAGGING = "lagging_speed"
@@ -299,7 +299,8 @@ def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool)
     """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
 
     While every diode blocks, a DC side has no potential of its own against the terminals, and
-    Newton's iterations fail at short steps: a stray capacitance to ground gives it one.
+    Newton's iterations fail at short steps: a stray capacitance to ground gives it one, at the pins
+    that `LoadCircuit.stray_pins` names.
     """
     measured = load.resistance is None or network.current_per_ampere > 0.0
     first = _add_ammeter(circuit, network) if measured else network.terminal
