@@ -130,8 +130,10 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     power, symbol = int(raised or 1), base.strip("()")
     if symbol not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
         return 1.0, in_print(unit)
-    # A prefix of a squared unit counts twice, so that squares between 0.001 and 1000 have none.
-    decades = math.floor(math.log10(abs(value)) + 1e-9) + (0 if power == 1 else 3)
+    decades = math.floor(math.log10(abs(value)) + 1e-9)
+    if power == 2 and decades < 0:
+        # A prefix of a squared unit counts twice: squares between 0.001 and 1e6 have none.
+        decades += 3
     exponent = min(max(3 * (decades // (3 * power)), min(PREFIXES)), max(PREFIXES))
     if symbol == "s":
         exponent = min(exponent, 0)

@@ -51,6 +51,9 @@ class Estimate:
     note: str = ""
     unit: str = field(default="", compare=False, metadata=LEFT_OUT)
 
+    def __float__(self) -> float:
+        return float(self.estimate)
+
     def __repr__(self) -> str:
         return with_error(self, self.unit)
 

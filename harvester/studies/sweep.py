@@ -176,12 +176,14 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """Where the first quantity is highest, and by which method."""
+        """Where the first quantity is highest: by engines, or by closures if no engine ran."""
         name = self.quantities[0]
-        with_quantity = [pair for pair in self.places() if name in pair[1].estimates]
-        if not with_quantity:
+        pairs = [pair for pair in self.places() if name in pair[1].estimates]
+        if not pairs:
             return f"no place has a {name.replace('_', ' ')}"
-        point, cell = max(with_quantity, key=lambda each: each[1].estimates[name].estimate)
+        # A closure is an approximation, which may be far off where another method is not.
+        by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
+        point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]
         pairs = zip(self.values, point, strict=True)
         where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)

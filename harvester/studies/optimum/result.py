@@ -138,7 +138,7 @@ class Optimum(ResultBase):
     def _records(self):
         """Header and a row for each place that was searched, in the scene's units."""
         keys = [key_column(key, self.scene.units) for key in self.keys]
-        header = [*keys, f"{self.quantity} [{self.unit}]", "standard_error"]
+        header = [*keys, f"{self.quantity} [{self.unit}]", f"standard_error [{self.unit}]"]
         return header, [
             [*(place[key] for key in self.keys), mean.estimate, mean.standard_error]
             for place, mean in self.searched

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import quantity, value_and_error
+from harvester.base.formatting import NO_ERROR_BAR, quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.tables import require_xarray
 from harvester.device import timescales
@@ -142,7 +142,9 @@ class Residence(ResultBase):
         stay = self.stays[0]
         where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
         well = quantity(stay.well, unit_of(self.scene, "displacement"))
-        return f"mean residence time {_time_text(stay)} s in the well at {well}{where}"
+        time = _time_text(stay).removesuffix(NO_ERROR_BAR)
+        bare = NO_ERROR_BAR * (stay.standard_error is None and math.isfinite(stay.time))
+        return f"mean residence time {time} s{bare} in the well at {well}{where}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
@@ -200,7 +202,7 @@ def _time_text(stay):
     if not math.isfinite(stay.time):
         return f"over {stay.watched:.4g}"
     if stay.standard_error is None:
-        return f"{stay.time:.3g} (no error bar)"
+        return f"{stay.time:.3g}{NO_ERROR_BAR}"
     return value_and_error(stay.time, stay.standard_error)
 
 

@@ -109,7 +109,11 @@ def test_a_study_of_a_closure_is_a_table_of_numbers():
     over = {"load.decay_rate": (0.05, 20.0)}
     study = harvester.optimum("paper", maximise="mean_power", over=over, method="consistent")
     header, rows = study.data()
-    assert header == ["load.decay_rate [1/s]", "mean_power [scaled power]", "standard_error"]
+    assert header == [
+        "load.decay_rate [1/s]",
+        "mean_power [scaled power]",
+        "standard_error [scaled power]",
+    ]
     best = max(rows, key=lambda row: row[1])
     assert min(row[0] for row in rows) < best[0] < max(row[0] for row in rows)
     assert best[0] == pytest.approx(study.place.estimate, rel=0.1)
