@@ -60,6 +60,14 @@ def is_scene(option: Option) -> bool:
     return option.name == "scene" and option.passing is not inspect.Parameter.KEYWORD_ONLY
 
 
+class _Words(str):
+    """Words that `_reader` turns into a value of any type.
+
+    Where pydantic is imported, cyclopts lets it compare the value with the annotation. It knows no
+    schema of this class, and so leaves the value alone.
+    """
+
+
 def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> inspect.Parameter:
     """The parameter that cyclopts reads; `scenes`: names that completion offers."""
     kind, hint = option.kind, option.type
@@ -67,7 +75,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
         hint = Literal[tuple(scenes)] | str
     elif hint is not bool and get_origin(hint) is not Literal:
         # Shells complete the name of a file for a path.
-        text_type: Any = Path if kind.metavar.startswith(("FILE", "DIR")) else str
+        text_type: Any = Path if scenes and kind.metavar.startswith(("FILE", "DIR")) else _Words
         hint = list[text_type] if kind.join else text_type
     settings = Parameter(
         name=kind.metavar if option.passing is WORD else option.spelling,
@@ -85,9 +93,9 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     )
     default = REQUIRED if option.default is REQUIRED else None
     passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(
-        option.name, passing, default=default, annotation=Annotated[hint, settings]
-    )
+    # cyclopts lets pydantic check the default where that is imported.
+    annotation = Annotated[hint if default is REQUIRED else hint | None, settings]
+    return inspect.Parameter(option.name, passing, default=default, annotation=annotation)
 
 
 def _shown_default(option, text):

@@ -185,8 +185,8 @@ class Sweep(ResultBase):
         by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
         point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]
-        pairs = zip(self.values, point, strict=True)
-        where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
+        values = zip(self.values, point, strict=True)
+        where = ", ".join(f"{key} = {in_words(value)}" for key, value in values)
         return (
             f"highest {name.replace('_', ' ')}: "
             f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"

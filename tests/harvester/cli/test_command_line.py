@@ -260,3 +260,11 @@ def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
         si = average(Scene.read("paper_si"), method=closure).scaled_quantities
         for name, estimate in scaled.items():
             assert si[name].estimate == pytest.approx(estimate.estimate, rel=1e-9), name
+
+
+def test_values_are_read_where_pydantic_is_imported():
+    """cyclopts checks values by pydantic then, which another library of a process may import."""
+    pytest.importorskip("pydantic")
+    words = ["sweep", "linear", "--over", "load.decay_rate=0.1,0.2", "--method", "consistent"]
+    code = f"import pydantic\nfrom harvester.cli.command_line import main\nexit(main({words}))"
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
