@@ -153,16 +153,27 @@ class LoadCircuit:
         """Pins of its DC side that a stray capacitance to ground holds while all diodes block.
 
         `out` is none where resistors, capacitors, coils or sources connect it to another pin: the
-        trapezoidal rule would let its voltage ring on after a switch has opened.
+        trapezoidal rule would let its voltage ring on after a switch has opened. It stays one where
+        a controlled current feeds `out`, whose loop needs a memory.
         """
         if not self.has_output:
             return ()
-        wires = [{*part.nodes} for part in self.elements if part.letter in "rclv"]
+        others = {"ref", "p", "n", GROUND}
+        connected = self._connected("rclv", set())
+        fed = self._connected("rlv", others)
+        currents = (part for part in self.elements if part.letter in "bg" and not part.voltage)
+        is_fed = any(fed & {*part.nodes[:2]} for part in currents)
+        return ("ref",) if connected & others and not is_fed else ("out", "ref")
+
+    def _connected(self, letters, ends):
+        """Nodes that elements of these letters connect to `out`, none beyond the nodes `ends`."""
+        wires = [{*part.nodes} for part in self.elements if part.letter in letters]
         connected, size = {"out"}, 0
         while len(connected) != size:
             size = len(connected)
-            connected = connected.union(*(ends for ends in wires if ends & connected))
-        return ("ref",) if connected & {"ref", "p", "n", GROUND} else ("out", "ref")
+            inner = connected - ends
+            connected = connected.union(*(wire for wire in wires if wire & inner))
+        return connected - ends
 
     @cached_property
     def coupled(self) -> frozenset[str]:

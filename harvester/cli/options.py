@@ -94,7 +94,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     default = REQUIRED if option.default is REQUIRED else None
     passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
     # cyclopts lets pydantic check the default where that is imported.
-    annotation = Annotated[hint if default is REQUIRED else hint | None, settings]
+    annotation: Any = Annotated[hint if default is REQUIRED else hint | None, settings]
     return inspect.Parameter(option.name, passing, default=default, annotation=annotation)
 
 

@@ -84,3 +84,20 @@ def test_an_output_without_a_capacitor_does_not_ring_behind_an_open_switch(pool,
     assert found["output_peak_to_peak"].estimate == pytest.approx(closed, rel=1e-3)
     power = found["output_voltage"].estimate * closed / 3000.0
     assert found["mean_output_power"].estimate == pytest.approx(power, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("elements", "pins"),
+    [
+        ("S1 rail out rail ref uv\n.model uv sw vt=4 vh=1\nRload out ref 3k", ("ref",)),
+        # A controlled current behind a sense resistor feeds the output: its loop needs a memory.
+        ("B1 rail vo I=1m*v(rail,vo)\nRo vo out 1\nRload out ref 3k", ("out", "ref")),
+        ("D1 rail out d\n.model d d", ("out", "ref")),
+    ],
+)
+def test_an_output_has_a_stray_capacitance_where_nothing_else_holds_it(tmp_path, elements, pins):
+    path = tmp_path / "load.lib"
+    bridge = LOCKOUT.partition("B1")[0].replace("lockout", "load")
+    path.write_text(f"{bridge}{elements}\n.ends\n")
+    scene = Scene.read("device", [f'load.netlist="{path}"'])
+    assert scene.load.circuit.stray_pins == pins

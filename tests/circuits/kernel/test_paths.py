@@ -273,7 +273,7 @@ def test_energy_is_balanced_by_default(pool, load):
     assert abs(result.energy_balance_residual) < 0.005
     assert 0.0 < result.quantity("converter_efficiency").estimate < 1.0
     again = simulate(scene, method="monte-carlo", runner=pool)
-    assert again.quantities == result.quantities
+    assert again.to_dict()["quantities"] == result.to_dict()["quantities"]
 
 
 @pytest.mark.exhaustive

@@ -87,7 +87,7 @@ def test_names_reach_terminal_files_and_figures_as_they_are(tmp_path, capsys, re
         folder = tmp_path / str(place)
         call = ["average", str(file), "--method", "paper", "--output", str(folder)]
         assert main(call) == 0
-        assert len(list(folder.iterdir())) == 3
+        assert len(list(folder.iterdir())) == 5
     streams = capsys.readouterr()
     assert (streams.out + streams.err).replace("\n", "").isprintable()
     assert "[bold]x" in streams.out

@@ -211,4 +211,4 @@ def test_a_result_reaches_one_place_where_the_other_is_full(near, capsys):
         capsys.readouterr().err
         == "harvester: /dev/full: cannot be written: No space left on device\n"
     )
-    assert len(os.listdir("results")) == 3
+    assert len(os.listdir("results")) == 5

@@ -58,7 +58,9 @@ def test_output_writes_json_and_figure(tmp_path, capsys):
     folder = tmp_path / "new" / "results"
     assert main(["simulate", "linear", *BRIEF, "--output", str(folder)]) == 0
     assert {path.name for path in folder.iterdir()} == {
+        "linear-circuit.csv",
         "linear-circuit.json",
+        "linear-circuit.nc",
         "linear-circuit.png",
         "linear-circuit-densities.csv",
     }

@@ -339,7 +339,7 @@ def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path
 def test_a_dask_cluster_gives_identical_numbers(linear, pool, dask_executor):
     """In a study, and in a run of which it has the realizations."""
     pytest.importorskip("xarray")
-    options = {"loads": ["resistor"], "sweeps": {RESISTANCE: [0.2, 1.0]}}
+    options = {"loads": ["resistor"], "over": {RESISTANCE: [0.2, 1.0]}}
     options |= {"precision": 0.2, "time_budget": 600.0}
     expected = load_study(linear, **options).to_xarray()
     found = load_study(linear, executor=dask_executor, **options)
@@ -434,7 +434,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     _, (row,) = found.table()
     assert "at 40 not ranked: its stores, not the device, feed the output" in row[-1]
     # Hollow in every figure is the point that is not ranked, error bar or not.
-    for figure in found.figures()[:2]:
+    for figure in map(found.figure, ("power", "efficiency")):
         (axes,) = figure.axes
         white = [line for line in axes.lines if line.get_markerfacecolor() in ("w", "white")]
         assert [list(line.get_xdata()) for line in white] == [[40.0], []]
