@@ -73,7 +73,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     kind, hint = option.kind, option.type
     if option.name == "scene" and scenes:
         hint = Literal[tuple(scenes)] | str
-    elif hint is not bool and get_origin(hint) is not Literal:
+    elif hint is not bool and not (scenes and get_origin(hint) is Literal):
         # Shells complete the name of a file for a path.
         text_type: Any = Path if scenes and kind.metavar.startswith(("FILE", "DIR")) else _Words
         hint = list[text_type] if kind.join else text_type
@@ -93,8 +93,10 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     )
     default = REQUIRED if option.default is REQUIRED else None
     passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
-    # cyclopts lets pydantic check the default where that is imported.
-    annotation: Any = Annotated[hint if default is REQUIRED else hint | None, settings]
+    # Where pydantic is imported, cyclopts lets it check the default; a shell's script needs no None.
+    annotation: Any = Annotated[hint | None, settings]
+    if scenes or default is REQUIRED:
+        annotation = Annotated[hint, settings]
     return inspect.Parameter(option.name, passing, default=default, annotation=annotation)
 
 

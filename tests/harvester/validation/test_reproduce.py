@@ -180,7 +180,12 @@ def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, 
     wanted = ["fig8", "fig5", "fig2", "--quick", "--workers", "1", "--output", str(tmp_path)]
     assert main(["reproduce", *wanted]) == 130
     written = {"fig2.png", "fig2.json", "fig5.png", "fig5.json"}
-    assert {path.name for path in tmp_path.glob("[!.]*")} == {*written, "fig5.csv", "points"}
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {
+        *written,
+        "fig2.csv",
+        "fig5.csv",
+        "points",
+    }
     told = json.loads((tmp_path / "fig5.json").read_text())
     assert set(told["panels"][0]["curves"][0]["methods"]) == {
         *NOISE_CLOSURES,
