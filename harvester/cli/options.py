@@ -93,7 +93,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     )
     default = REQUIRED if option.default is REQUIRED else None
     passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
-    # Where pydantic is imported, cyclopts lets it check the default; a shell's script needs no None.
+    # Where pydantic is imported, cyclopts lets it check the default. Completion needs no None.
     annotation: Any = Annotated[hint | None, settings]
     if scenes or default is REQUIRED:
         annotation = Annotated[hint, settings]
