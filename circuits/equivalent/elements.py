@@ -39,7 +39,7 @@ DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Prefix of the name of a node at a load's pin.
 PIN = ":"
-# Stray capacitance of an output node that nothing else holds, as a share of the transducer's.
+# Stray capacitance of an output node, as a share of the transducer's.
 STRAY_SHARE = 1e-6
 # Node that follows the held impact speed (`HELD`) one step later.
 LAGGING = "lagging_speed"

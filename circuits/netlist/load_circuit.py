@@ -152,28 +152,23 @@ class LoadCircuit:
     def stray_pins(self) -> tuple[str, ...]:
         """Pins of its DC side that a stray capacitance to ground holds while all diodes block.
 
-        `out` is none where resistors, capacitors, coils or sources connect it to another pin: the
-        trapezoidal rule would let its voltage ring on after a switch has opened. It stays one where
-        a controlled current feeds `out`, whose loop needs a memory.
+        `out` is none where only resistors, coils, switches and diodes meet, one of which leads to
+        another pin: its stray capacitance would be the only one there, and the trapezoidal rule
+        would let the voltage ring on after a switch has opened.
         """
         if not self.has_output:
             return ()
         others = {"ref", "p", "n", GROUND}
-        connected = self._connected("rclv", set())
-        fed = self._connected("rlv", others)
-        currents = (part for part in self.elements if part.letter in "bg" and not part.voltage)
-        is_fed = any(fed & {*part.nodes[:2]} for part in currents)
-        return ("ref",) if connected & others and not is_fed else ("out", "ref")
-
-    def _connected(self, letters, ends):
-        """Nodes that elements of these letters connect to `out`, none beyond the nodes `ends`."""
-        wires = [{*part.nodes} for part in self.elements if part.letter in letters]
-        connected, size = {"out"}, 0
-        while len(connected) != size:
-            size = len(connected)
-            inner = connected - ends
-            connected = connected.union(*(wire for wire in wires if wire & inner))
-        return connected - ends
+        # Nodes that resistors and coils connect to `out`, without the other pins.
+        near, size = {"out"}, 0
+        while len(near) != size:
+            size = len(near)
+            wires = ({*part.nodes} for part in self.elements if part.letter in "rl")
+            near = near.union(*(wire - others for wire in wires if wire & near))
+        there = [part for part in self.elements if near & {*part.nodes}]
+        leads = any(part.letter in "rl" and others & {*part.nodes} for part in there)
+        rings = leads and all(part.letter in "rlswd" for part in there)
+        return ("ref",) if rings else ("out", "ref")
 
     @cached_property
     def coupled(self) -> frozenset[str]:

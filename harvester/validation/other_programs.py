@@ -42,8 +42,8 @@ SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
 SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
 # Conductance that ngspice puts across every junction, in siemens.
 GMIN = 1e-12
-# Stray capacitances: between the bridge's output and the piezo, in farads, and of the output's
-# reference node as a share of the piezo's.
+# Stray capacitances: between the bridge's output and the piezo, in farads, and of every output node
+# as a share of the piezo's.
 STRAY, STRAY_SHARE = 10e-12, 1e-6
 RADAU_TOLERANCES = {"rtol": 1e-6, "atol": 1e-9}
 
@@ -211,7 +211,7 @@ def _equations(scene):
     parameters = scene.load.parameters
     storage, resistance = parameters["storage"], parameters["resistance"]
     extra = STRAY_SHARE * capacitance
-    matrix = [[storage, -storage], [-storage, storage + STRAY + extra]]
+    matrix = [[storage + extra, -storage], [-storage, storage + STRAY + extra]]
     inverse = np.linalg.inv(matrix)
 
     def derivative(time, state, begin, first, slope):

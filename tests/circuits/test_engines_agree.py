@@ -92,6 +92,8 @@ def test_an_output_without_a_capacitor_does_not_ring_behind_an_open_switch(pool,
         ("S1 rail out rail ref uv\n.model uv sw vt=4 vh=1\nRload out ref 3k", ("ref",)),
         # A controlled current behind a sense resistor feeds the output: its loop needs a memory.
         ("B1 rail vo I=1m*v(rail,vo)\nRo vo out 1\nRload out ref 3k", ("out", "ref")),
+        # With a capacitor the stray capacitance is not alone, and all diodes may block.
+        ("R1 rail out 10\nCout out ref 1u\nRload out ref 3k", ("out", "ref")),
     ],
 )
 def test_an_output_has_a_stray_capacitance_where_nothing_else_holds_it(tmp_path, elements, pins):
