@@ -13,7 +13,9 @@ import inspect
 import math
 import numbers
 import os
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
@@ -23,6 +25,8 @@ from harvester.base.numbers import is_real, number
 from harvester.base.plain_text import named, shown
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
+# Whether a command runs, whose errors name options, "--step", and not parameters.
+AT_COMMAND_LINE: ContextVar[bool] = ContextVar("at_command_line", default=False)
 # Longest list of numbers that a grid such as 1:10:log:50 may give.
 MOST_NUMBERS = 100_000
 LIST = "0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or 0.1,0.2,0.5"
@@ -350,8 +354,25 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
     HarvesterError
     """
     options = options_of(function)
-    for name, value in values.items():
-        options[name].check(value)
+    with named_as_called(function):
+        for name, value in values.items():
+            options[name].check(value)
+
+
+@contextlib.contextmanager
+def named_as_called(function: Callable) -> Iterator[None]:
+    """In errors of the block name parameters of the function, and not options of its command.
+
+    Nothing changes while a command runs.
+    """
+    try:
+        yield
+    except HarvesterError as error:
+        if not AT_COMMAND_LINE.get():
+            names = {option.spelling: name for name, option in options_of(function).items()}
+            text = re.sub(r"--[a-z][a-z-]*", lambda word: names.get(word[0], word[0]), str(error))
+            error.args = (text, *error.args[1:])
+        raise
 
 
 def _evaluated(annotation, names):

@@ -18,11 +18,11 @@ from cyclopts import (
 
 from harvester.base.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.base.plain_text import named, nearest
+from harvester.base.signatures import AT_COMMAND_LINE
 from harvester.base.standard_streams import guarded_streams
 from harvester.cli.options import WORD
 from harvester.cli.shown import print_error
 from harvester.cli.table import COMMANDS, app_of
-from harvester.scene.calling import AT_COMMAND_LINE
 
 # Options of the same meaning: former names, and those that other commands use.
 SYNONYMS = (

@@ -102,7 +102,7 @@ def write_result(
 
 
 def _write_folder(folder, name, result):
-    from harvester.base.tables import write_netcdf
+    from harvester.base.tables import write_csv, write_netcdf
     from harvester.base.writing import in_folder, write_json, write_text
     from harvester.results import figures
 
@@ -111,7 +111,7 @@ def _write_folder(folder, name, result):
 
     view = result.view()
     write_json(file(".json"), result.to_dict())
-    result.to_csv(file(".csv"))
+    write_csv(file(".csv"), *view.data())
     # NetCDF is an extra; the other files hold the same.
     if view.dataset and importlib.util.find_spec("xarray"):
         write_netcdf(file(".nc"), view.dataset())

@@ -18,18 +18,8 @@ if TYPE_CHECKING:
 STYLE = Path(__file__).parent / "house.mplstyle"
 
 
-def save(draw: Callable, result: Any, path: str | Path) -> None:
-    """Call `draw` on a result and write the figure, whole; the suffix chooses the format.
-
-    Raises
-    ------
-    OutputError
-    """
-    write(drawn(draw, result), path)
-
-
 def picture(draw: Callable, result: Any, format: str = "svg") -> bytes:
-    """Draw a result into bytes; see `save`."""
+    """Draw a result into bytes; the format is a suffix such as "png"."""
     return image(drawn(draw, result), format)
 
 

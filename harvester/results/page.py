@@ -48,8 +48,7 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
 
 def verdicts(view: View) -> list[Verdict]:
     """The first sentences of a page: the headline of a result and its alarms."""
-    first = view.headline or next(iter(view.findings), "")
-    return [Verdict(first), *(Verdict(alarm, False) for alarm in view.alarms)]
+    return [Verdict(view.main_finding), *(Verdict(alarm, False) for alarm in view.alarms)]
 
 
 def verdict_list(verdicts: Iterable[Verdict]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
@@ -160,8 +160,7 @@ class Result(ResultBase):
                 f"{', '.join(self.scaled_quantities)}"
             )
         estimate = self.scaled_quantities[name]
-        scaled = estimate.times(self.scales.of(estimate.dimension))
-        return replace(scaled, unit=self.unit(estimate.dimension))
+        return estimate.times(self.scales.of(estimate.dimension), self.unit(estimate.dimension))
 
     __getitem__ = quantity
 

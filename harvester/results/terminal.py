@@ -37,21 +37,7 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     header = [one_line(name) for name in table.header]
     keys = _key_columns(table.rows, len(header))
     rows, footnotes = _with_footnotes(table.rows, keys)
-    widths = [
-        max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
-    ]
-    # Long keys are broken between their words until the table fits or they take half of the width.
-    while (
-        MARGIN + sum(widths) + GAP * len(widths) > width
-        and sum(widths[:keys]) + GAP * keys > width // 2
-        and max(widths[:keys]) > NARROWEST_KEY
-    ):
-        widths[widths.index(max(widths[:keys]))] -= 1
-    # A column that does not fit beside the keys is broken between its words too.
-    left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
-    for k in range(keys, len(header)):
-        words = max((_longest_word(row[k]) for row in rows), default=1)
-        widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
+    widths = _widths(header, rows, keys, width)
     blocks = []
     for columns in _blocks(widths, keys, width):
         block = RichTable(box=box.SIMPLE_HEAD)
@@ -67,6 +53,26 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
             block.add_row(*(row[k] for k in columns))
         blocks.append(block)
     return blocks, footnotes
+
+
+def _widths(header, rows, keys, width):
+    """Widths of the columns, in which no number is broken."""
+    widths = [
+        max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
+    ]
+    # Long keys are broken between their words until the table fits or they take half of the width.
+    while (
+        MARGIN + sum(widths) + GAP * len(widths) > width
+        and sum(widths[:keys]) + GAP * keys > width // 2
+        and max(widths[:keys]) > NARROWEST_KEY
+    ):
+        widths[widths.index(max(widths[:keys]))] -= 1
+    # A column that does not fit beside the keys is broken between its words too.
+    left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
+    for k in range(keys, len(header)):
+        words = max((_longest_word(row[k]) for row in rows), default=1)
+        widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
+    return widths
 
 
 def _key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:

@@ -103,6 +103,15 @@ class View:
     page: Callable[[], str] | None = None
     methods: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def main_finding(self) -> str:
+        """The headline, or the first finding."""
+        return self.headline or next(iter(self.findings), "")
+
+    def data(self) -> Table:
+        """The records, or the table with the values of its printed numbers."""
+        return Table(*self.records()) if self.records else _expanded(*self.table)
+
 
 class ResultBase(ABC):
     """Base of all results: what follows from their view."""
@@ -131,8 +140,7 @@ class ResultBase(ABC):
 
     def headline(self) -> str:
         """The main finding in one line."""
-        view = self.view()
-        return view.headline or next(iter(view.findings), "")
+        return self.view().main_finding
 
     def figure(self, name: str = "") -> Figure | None:
         """A figure by its name, the main one without a name; None if there is nothing to draw.
@@ -154,8 +162,7 @@ class ResultBase(ABC):
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""
-        view = self.view()
-        return Table(*view.records()) if view.records else _expanded(*view.table)
+        return self.view().data()
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows of `data`; an empty cell stands for a number that is not known.

@@ -5,17 +5,15 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-import re
-from collections.abc import Callable, Container, Iterator, Mapping
-from contextvars import ContextVar
+from collections.abc import Callable, Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
 from harvester.base.arguments import checked_options, usual_arithmetic
-from harvester.base.errors import HarvesterError, UnknownOption
+from harvester.base.errors import UnknownOption
 from harvester.base.notebook import progress_bar
 from harvester.base.plain_text import nearest, shown
-from harvester.base.signatures import Option, check_options, options_of
+from harvester.base.signatures import check_options, named_as_called, options_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -23,17 +21,9 @@ if TYPE_CHECKING:
 # Written as text, so that importing a module with public functions imports no scene and no numba.
 SceneOrName: TypeAlias = Union["Scene", str, Path]
 KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
-# Whether errors name options as the command line spells them, "--step", and not parameters.
-AT_COMMAND_LINE: ContextVar[bool] = ContextVar("at_command_line", default=False)
 
 Options = ParamSpec("Options")
 Answer = TypeVar("Answer")
-
-
-def _in_python(message: str, accepted: Mapping[str, Option]) -> str:
-    """A message that names parameters where it named the options of a command."""
-    names = {option.spelling: name for name, option in accepted.items()}
-    return re.sub(r"--[a-z][a-z-]*", lambda found: names.get(found[0], found[0]), message)
 
 
 def scene_of(scene: SceneOrName) -> Scene:
@@ -90,14 +80,13 @@ def takes_scene(
                 names = [*accepted][1:]
                 hint = nearest(option, names) or f"; there are {', '.join(names)}"
                 raise UnknownOption(f"{name}: no option {option}{hint}")
-        with usual_arithmetic(), shown_progress(name, accepted, options) as options:
-            try:
-                scene = scene_of(scene)
-                check_options(function, options)
-                return function(scene, *arguments, **checked_options(options))
-            except HarvesterError as error:
-                if not AT_COMMAND_LINE.get():
-                    error.args = (_in_python(str(error), accepted), *error.args[1:])
-                raise
+        with (
+            usual_arithmetic(),
+            named_as_called(function),
+            shown_progress(name, accepted, options) as options,
+        ):
+            scene = scene_of(scene)
+            check_options(function, options)
+            return function(scene, *arguments, **checked_options(options))
 
     return called

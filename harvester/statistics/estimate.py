@@ -57,14 +57,14 @@ class Estimate:
     def __repr__(self) -> str:
         return with_error(self, self.unit)
 
-    def times(self, factor: float) -> Estimate:
+    def times(self, factor: float, unit: str = "") -> Estimate:
         """The estimate in a unit that is smaller by this factor."""
         error = self.standard_error
         return replace(
             self,
             estimate=self.estimate * factor,
             standard_error=None if error is None else error * factor,
-            unit="",
+            unit=unit,
         )
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
     KNOTS_PER_HISTOGRAM_SAMPLE,
@@ -144,8 +145,8 @@ def _per_hour(storage, stored, time):
         float(stored[:, part].sum() / time[:, part].sum()) if half else storage.estimate
         for part in (slice(None, half), slice(half, None))
     )
-    scatter = UNEVEN_SIGMAS * (storage.standard_error or 0.0)
-    uneven = abs(late - early) > max(UNEVEN_SHARE * abs(storage.estimate), scatter)
+    error, negligible = storage.standard_error or 0.0, UNEVEN_SHARE * abs(storage.estimate)
+    uneven = differ(late - early, error, negligible=negligible, sigmas=UNEVEN_SIGMAS)
     if uneven and storage.note != ROUNDED_OFF:
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))

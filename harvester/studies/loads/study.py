@@ -532,7 +532,7 @@ def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
         write_netcdf(grid, study.to_xarray())
         study.to_csv(table)
         for draw, picture in zip(drawing.FIGURES.values(), pictures, strict=True):
-            figures.save(draw, study, picture)
+            figures.write(figures.drawn(draw, study), picture)
     return list(LOAD_STUDY_FILES)
 
 

@@ -250,8 +250,8 @@ class Sensitivity(ResultBase):
         content, table, tornado, scatter = places
         write_json(content, self.to_dict())
         write_text(table, self.device_table())
-        figures.save(draw_tornado, self, tornado)
-        figures.save(draw_distribution, self, scatter)
+        figures.write(figures.drawn(draw_tornado, self), tornado)
+        figures.write(figures.drawn(draw_distribution, self), scatter)
 
     def device_table(self) -> str:
         """CSV: one line for each device that was simulated, its parameters and its values."""

@@ -5,10 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-import harvester
 from harvester.base import notebook
-
-DEVICE = {"run.duration": 20.0, "run.settle": 5.0, "run.realizations": 2}
+from harvester.scene.calling import takes_scene
 
 
 @pytest.fixture
@@ -28,16 +26,21 @@ def shown(monkeypatch):
     return shown
 
 
+@takes_scene
+def watched(scene, *, progress=None):
+    """A call that reports its progress, as studies do."""
+    if progress:
+        progress(0.5, "half")
+    return progress
+
+
 def test_a_bar_follows_a_call_and_goes(shown):
-    scene = harvester.Scene.read("linear").replace(DEVICE)
-    harvester.simulate(scene, method="monte-carlo", workers=1)
-    assert "simulate: 100%" in shown[-2]
-    assert shown[-1] == ""
+    assert watched("linear") is not None
+    assert shown == ['<progress value="0.500" max="1"></progress> watched: 50% half', ""]
 
 
 def test_false_switches_it_off(shown):
-    scene = harvester.Scene.read("linear").replace(DEVICE)
-    harvester.simulate(scene, method="monte-carlo", workers=1, progress=False)
+    assert watched("linear", progress=False) is None
     assert shown == []
 
 

@@ -130,9 +130,9 @@ def test_one_folder_one_runner(tmp_path, pool):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"workers": 0}, "--workers 0: must be"),
-        ({"time_budget": -1.0}, "--time-budget -1.0: must be"),
-        ({"time_limit": 0.0}, "--time-limit 0.0: must be"),
+        ({"workers": 0}, "^workers 0: must be"),
+        ({"time_budget": -1.0}, "^time_budget -1.0: must be"),
+        ({"time_limit": 0.0}, "^time_limit 0.0: must be"),
     ],
 )
 def test_numbers_out_of_range_are_refused(options, said):

@@ -7,6 +7,7 @@ from harvester.averaging.of_scene import average
 from harvester.device import timescales
 from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.excitation.spectrum_fit import fit_spectrum
+from harvester.results import figures
 from harvester.scene.model import Scene
 
 INTENSITY, TIME = 0.02, 0.4
@@ -81,18 +82,10 @@ def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
 
 @pytest.mark.slow
 def test_the_fit_is_in_the_figure(tmp_path):
-    from harvester.results.drawing import draw_result
-    from harvester.results.figures import save
-
     result = average(recorded(tmp_path, noise(1)), fit=True)
-    panels = []
-
-    def draw(result):
-        figure = draw_result(result)
-        panels.extend(axes.get_xlabel() for axes in figure.axes)
-        return figure
-
-    save(draw, result, tmp_path / "fit.png")
+    figure = result.figure()
+    panels = [axes.get_xlabel() for axes in figure.axes]
+    figures.write(figure, tmp_path / "fit.png")
     assert panels[-1] == "frequency [Hz]"
     assert len(panels) == 1 + len(result.densities)
 

@@ -104,19 +104,8 @@ def test_a_figure_shows_itself_in_a_notebook():
     assert figure._repr_png_().startswith(b"\x89PNG")
 
 
-def test_a_study_of_a_closure_is_a_table_of_numbers():
-    """Of the optimum the places searched: the power has its maximum among them."""
-    over = {"load.decay_rate": (0.05, 20.0)}
-    study = harvester.optimum("paper", maximise="mean_power", over=over, method="consistent")
-    header, rows = study.data()
-    assert header == [
-        "load.decay_rate [1/s]",
-        "mean_power [scaled power]",
-        "standard_error [scaled power]",
-    ]
-    best = max(rows, key=lambda row: row[1])
-    assert min(row[0] for row in rows) < best[0] < max(row[0] for row in rows)
-    assert best[0] == pytest.approx(study.place.estimate, rel=0.1)
-    spectrum = harvester.spectrum("paper")
+def test_the_density_of_a_spectrum_is_a_table_of_numbers():
+    """Its integral is the mean square."""
+    spectrum = harvester.spectrum("linear", duration=100.0)
     frequency, density = np.array(spectrum.data().rows).T
     assert density.sum() * frequency[0] == pytest.approx(spectrum.rms**2)

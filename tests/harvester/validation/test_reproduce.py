@@ -67,7 +67,7 @@ def test_a_figure_holds_every_method_and_lists_what_was_refused(tiny, pool, tmp_
             assert point["seed"] == SCENE.run.seed
             assert point["seconds"] > 0.0
             assert point["quantities"]["mean_square_voltage"]["standard_error"] != 0.0
-        figures.save(drawing.draw, content, tmp_path / "figure.png")
+        figures.write(content.figure(), tmp_path / "figure.png")
         assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert "density" in density.to_dict()["panels"][0]["curves"][0]["methods"]["circuit"][0]
 
@@ -146,7 +146,7 @@ def test_a_figure_without_any_answer_is_drawn_and_counts_its_failed_runs(name, t
         return SimulationError("stopped") if simulated else AveragingError("refused")
 
     content = synthetic(name, outcome)
-    figures.save(drawing.draw, content, tmp_path / "figure.svg")
+    figures.write(content.figure(), tmp_path / "figure.svg")
     runs = sum(method in ("monte-carlo", "circuit") for _, _, method, *_ in content.points())
     assert content.failed_runs == runs > 0
     assert f"why is in {name}.json" in (tmp_path / "figure.svg").read_text()
