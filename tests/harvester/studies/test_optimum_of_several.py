@@ -55,6 +55,11 @@ def test_the_top_of_a_hill_without_noise():
     header, rows = found.table()
     assert {len(row) for row in rows} == {len(header)}
     json.dumps(found.to_dict(), allow_nan=False)
+    searched = found.data()
+    assert [len(row) for row in searched.rows] == [len(searched.header)] * len(found.searched)
+    assert [row[0] for row in searched.rows] == [
+        place[found.keys[0]] for place, _ in found.searched
+    ]
 
 
 def test_a_maximum_at_the_end_of_a_range_is_told():
