@@ -216,7 +216,7 @@ def integrate(
 
 
 def _make_exact(state, line):
-    """Make the steps exact at another angular frequency, and forget what was made for the last."""
+    """Make the steps exact at another angular frequency, and discard cached factorisations."""
     scalars = state.scalars[0]
     scalars.line, scalars.timed_for = line, np.nan
     state.keys[:SLOTS] = np.nan

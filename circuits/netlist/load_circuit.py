@@ -13,7 +13,7 @@ from circuits.netlist.load_checks import loose_nodes
 from circuits.netlist.measures import Measure
 from circuits.netlist.self_oscillation import SelfOscillation, cancelled, self_oscillation
 from circuits.netlist.stores import Store, levels_of, stores_of
-from circuits.netlist.supplies import coupled, supplies_of
+from circuits.netlist.supplies import coupled, joined, supplies_of
 from circuits.netlist.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 
@@ -152,23 +152,23 @@ class LoadCircuit:
     def stray_pins(self) -> tuple[str, ...]:
         """Pins of its DC side that a stray capacitance to ground holds while all diodes block.
 
-        `out` is none where only resistors, coils, switches and diodes meet, one of which leads to
-        another pin: its stray capacitance would be the only one there, and the trapezoidal rule
-        would let the voltage ring on after a switch has opened.
+        `out` has no stray capacitance if resistors, coils, switches and diodes alone meet there and
+        a resistor or coil leads to another pin. The stray capacitance would be the only one there,
+        and by the trapezoidal rule the voltage would ring after a switch has opened.
         """
         if not self.has_output:
             return ()
-        others = {"ref", "p", "n", GROUND}
-        # Nodes that resistors and coils connect to `out`, without the other pins.
-        near, size = {"out"}, 0
-        while len(near) != size:
-            size = len(near)
-            wires = ({*part.nodes} for part in self.elements if part.letter in "rl")
-            near = near.union(*(wire - others for wire in wires if wire & near))
+        output, reference = OUTPUT_PINS
+        others = {reference, *PIEZO_PINS, GROUND}
+        wires = [{*part.nodes} for part in self.elements if part.letter in "rl"]
+        near = next(
+            nodes for nodes in joined([{output}, *(wire - others for wire in wires)])
+            if output in nodes
+        )  # fmt: skip
         there = [part for part in self.elements if near & {*part.nodes}]
-        leads = any(part.letter in "rl" and others & {*part.nodes} for part in there)
+        leads = any(near & wire and others & wire for wire in wires)
         rings = leads and all(part.letter in "rlswd" for part in there)
-        return ("ref",) if rings else ("out", "ref")
+        return (reference,) if rings else OUTPUT_PINS
 
     @cached_property
     def coupled(self) -> frozenset[str]:

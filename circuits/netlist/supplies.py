@@ -102,7 +102,7 @@ def coupled(parts: Sequence[Element]) -> frozenset[str]:
     Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
     a converter's sources feed them and others take from them.
     """
-    islands = _islands(parts)
+    islands = joined({*_ends(part)} - COMMON for part in parts)
     sources = {part.name: part for part in parts if _may_supply(part)}
     groups = _groups(sources, parts)
     reached = {*_PINS}
@@ -125,9 +125,8 @@ def _within(source, nodes):
     return {*source.nodes[:2]} - COMMON <= nodes
 
 
-def _islands(parts):
-    """Sets of nodes joined by elements, apart from the common nodes."""
-    ends = [{*_ends(part)} - COMMON for part in parts]
+def joined(ends: Iterable[set[str]]) -> list[set[str]]:
+    """Sets of nodes that elements join, given the ends of each element."""
     islands: list[set[str]] = []
     for nodes in filter(None, ends):
         near = [island for island in islands if island & nodes]

@@ -285,7 +285,7 @@ class Session(NgSpiceShared):
         state["turn"] = watch.turn
 
     def _begin_planning(self, netlist):
-        """Plan what the load does by itself, where it does anything."""
+        """Plan when the load's sources change, if any of them does."""
         state, schedule = self.state[0], netlist.schedule
         self._moves = schedule.steps(netlist.step) if schedule else None
         self._next_planned = 0

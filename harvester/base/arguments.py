@@ -72,8 +72,9 @@ def key_and_values(
     if isinstance(over, str) and values is not None:
         return over, values
     raise HarvesterError(
-        f"--over {shown(over)}: give one key with its values, over={{'table.key': [0.1, 0.2]}}; "
-        "at the command line --over TABLE.KEY --values LIST"
+        f"--over: {shown(over)}: give one key with its values, "
+        "over={'excitation.amplitude': [1.0, 2.0]}; on the command line its name and the option "
+        "`values`"
     )
 
 

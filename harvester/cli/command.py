@@ -31,7 +31,7 @@ class Command:
         MODULE:NAME, imported when the command or its help is called. It returns the exit code, or
         None for 0.
     example : str
-        A call, behind the program's name.
+        Arguments of an example call.
     bar : str
         Content of the progress bar; left out: there is none.
     """
@@ -137,7 +137,7 @@ class StudyCommand(Command):
     Attributes
     ----------
     title : str or callable
-        Over the table; or what gives it, of the result; left out: the command's name.
+        Title of the table, or a function of the result that returns it; empty: the command's name.
     stem : str
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.

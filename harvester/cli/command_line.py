@@ -161,7 +161,7 @@ def _refusal(error, words, called):
     if isinstance(error, CoercionError) or not (token or unused):
         return f"{called}: {error}"
     if isinstance(error, UnknownCommandError) and word in options:
-        return f"{word} goes behind {called}"
+        return f"write {word} after {called}"
     same = [option for group in SYNONYMS if word in group for option in group if option in options]
     hint = f" (did you mean {same[0]}?)" if same else nearest(word, options)
     return f"{called}: unknown argument {named(word)}{hint}"

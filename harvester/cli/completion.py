@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, get_args
 
-from harvester.base.errors import HarvesterError
-from harvester.base.plain_text import nearest
+from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind
 
 # The script of zsh as a file is a function to be called; evaluated, it has to be registered.
@@ -32,11 +31,7 @@ def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
     from harvester.cli.table import COMMANDS, app_of
     from harvester.scene.source import built_in_names
 
-    shells = get_args(Shell)
-    if shell not in shells:
-        raise HarvesterError(
-            f"{shell}: no such shell{nearest(shell, shells)}; there are {', '.join(shells)}"
-        )
+    check_name("shell", shell, get_args(Shell))
     print(app_of(COMMANDS, scenes=built_in_names()).generate_completion(shell=shell))
     if shell == "zsh":
         print(ZSH_EVALUATED)

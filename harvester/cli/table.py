@@ -40,7 +40,7 @@ def _budget(options):
 
 # All commands, each with the example of its help, by the groups of `harvester --help`.
 GROUPS = {
-    "to begin with": (
+    "getting started": (
         StudyCommand(
             "harvester:average",
             "paper --method consistent",
@@ -91,7 +91,7 @@ GROUPS = {
             stem="identified",
         ),
     ),
-    "further": (
+    "more commands": (
         Command("harvester.cli.new:schema", "scene.schema.json"),
         StudyCommand(
             "harvester.cli.beam:beam", "bimorph --output results", title="from its drawing"
@@ -146,7 +146,7 @@ GROUPS = {
         Command("harvester.cli.circuit:engine", "--json -"),
         Command("harvester.cli.completion:completion", "bash"),
     ),
-    "what proves the program": (
+    "verification": (
         StudyCommand(
             "harvester.cli.verification:verify",
             "--output results",

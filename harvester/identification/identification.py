@@ -13,7 +13,7 @@ from harvester.base.formatting import share_with_error, with_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
-from harvester.identification.drawing import draw
+from harvester.identification.drawing import draw, draw_posterior
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.proof import ResponseStretch, sensor_noise
@@ -162,7 +162,10 @@ class Identification(ResultBase):
         return View(
             self._table(),
             self._findings(),
-            pictures=[Picture(draw, self)],
+            pictures=[
+                Picture(draw, self),
+                *[Picture(draw_posterior, self, "posterior")] * (self.posterior is not None),
+            ],
             records=self._records,
             texts=self.texts,
             page=self.page,
@@ -347,7 +350,6 @@ class Identification(ResultBase):
 
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
-        from harvester.identification.drawing import draw, draw_posterior
         from harvester.results import figures, page
 
         first, *others = self._findings()

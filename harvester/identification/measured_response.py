@@ -46,8 +46,12 @@ class MeasuredResponse:
     def __post_init__(self) -> None:
         arrays = {quantity: np.atleast_1d(values) * 1.0 for quantity, values in self._arrays()}
         shape = arrays["frequency"].shape
+        if len(shape) != 1 or not shape[0]:
+            raise SceneError(
+                f"{self.name}: frequency has the shape {shape}: must be a list of numbers"
+            )
         for quantity, values in arrays.items():
-            if values.shape != (shape[0] or 1,):
+            if values.shape != shape:
                 raise SceneError(
                     f"{self.name}: {quantity} has the shape {values.shape}: must be one number per "
                     f"line, as frequency with {shape}"

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import numpy as np
 
 from harvester.base.errors import HarvesterError, UnknownQuantity
-from harvester.base.formatting import count, is_share, largest, prefixed, quantity, with_error
+from harvester.base.formatting import (
+    Printed,
+    count,
+    is_share,
+    largest,
+    prefixed,
+    quantity,
+    with_error,
+)
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import nearest, shown
 from harvester.base.serialising import NotAValue, plain, read
@@ -317,17 +325,20 @@ class Result(ResultBase):
         reasons = {name: _why_bare(estimate) for name, estimate in printed.items()}
         bare = any(reasons.values())
         header += ["no error bar because"] * bare
-        rows = [
-            [
-                name.replace("_", " ")
-                + " (harvested)" * (name == "mean_output_power" and USED in printed),
-                self.in_print(name, estimate)[1],
-                with_error(estimate.times(self.in_print(name, estimate)[0])),
-                *([] if numerical else [count(estimate.effective_sample_size)]),
-                *[reasons[name]] * bare,
-            ]
-            for name, estimate in printed.items()
-        ]
+        rows = []
+        for name, estimate in printed.items():
+            factor, unit = self.in_print(name, estimate)
+            text, error = with_error(estimate.times(factor)), estimate.standard_error
+            harvested = " (harvested)" * (name == "mean_output_power" and USED in printed)
+            rows.append(
+                [
+                    name.replace("_", " ") + harvested,
+                    unit,
+                    Printed(text, estimate.estimate, error, self.unit(estimate.dimension)),
+                    *([] if numerical else [count(estimate.effective_sample_size)]),
+                    *[reasons[name]] * bare,
+                ]
+            )
         return header, rows
 
     def _records(self):

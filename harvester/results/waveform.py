@@ -242,7 +242,7 @@ def _same_pixels(time, values):
     if time.size <= 4 * INTERVALS:
         return time, values
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], INTERVALS, endpoint=False))
-    # An interval without a point repeats its neighbour.
+    # An empty interval repeats the edge of the next one: it is dropped.
     edges = np.unique(edges)
     parts = list(zip(edges, np.split(values, edges[1:]), strict=True))
     lows, highs = ([first + find(part) for first, part in parts] for find in (np.argmin, np.argmax))

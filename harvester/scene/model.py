@@ -158,9 +158,12 @@ class Scene(Table):
         for key, value in (changes or {}).items():
             put(new, key, value, "replace")
         for name, values in tables.items():
-            for key, value in values.items() if isinstance(values, dict) else [("", values)]:
+            if not isinstance(values, dict):
+                put(new, name, values, "replace")
+                continue
+            for key, value in values.items():
                 last = key if isinstance(key, str) else shown(key)
-                put(new, f"{name}.{last}" if last else name, value, "replace")
+                put(new, f"{name}.{last}", value, "replace")
         return self.from_tables(new, self.name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
@@ -228,9 +231,9 @@ class Scene(Table):
 
     def _repr_html_(self) -> str:
         """The scene as TOML in a notebook."""
-        from harvester.scene.text import scene_text
+        from harvester.scene.text import key_comments, scene_text
 
-        return f"<pre>{html.escape(scene_text(self, {}, [self.name]))}</pre>"
+        return f"<pre>{html.escape(scene_text(self, key_comments(self), [self.name]))}</pre>"
 
     def digest(self) -> str:
         """SHA-256 of the scene's values: the same device and run give the same digest.

@@ -85,8 +85,25 @@ def _number(text):
     return text
 
 
-def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
-    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
+def put_all(tables: dict[str, Any], changes: dict[str, Any], origin: str) -> None:
+    """Set dotted keys one after another; raise SceneError if one removes an earlier one."""
+    done: list[str] = []
+    for dotted, value in changes.items():
+        removed = put(tables, dotted, value, origin)
+        lost = next((key for key in done if key.partition("[")[0] in removed), None)
+        if lost and changes[lost] is not None:
+            raise SceneError(
+                f"{origin} {named(lost)} and {named(dotted)} exclude each other: keep one"
+            )
+        done.append(dotted)
+
+
+def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str]:
+    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several.
+
+    Returns the other dotted keys that the change removes.
+    """
+    removed = set()
     if not isinstance(dotted, str):
         raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
     where = f"{origin} {named(dotted)}"
@@ -102,12 +119,14 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         # The keys that the new kind does not have go.
         for key in {*table} - {"kind", *KINDS[value].KEYS}:
             del table[key]
+            removed.add(key)
     if value is not None and len(path) == 1:
         # Another key for the same property, or a digest of another file.
         cls = class_of(all_tables()[path[0]], table) if path[0] in all_tables() else None
         groups = getattr(cls, "ALTERNATIVES", ())
         for other in set().union(*(group.replaced_by(last) for group in groups)):
-            table.pop(other, None)
+            if table.pop(other, None) is not None:
+                removed.add(other)
     if last == "file":
         table.pop("sha256", None)
     name, index = _placed(last)
@@ -118,27 +137,13 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         several[index : index + 1] = [] if value is None else [value]
         # Without its last value, the key goes too.
         last, value = name, several or None
+    if not path and isinstance(values, dict):
+        removed = {*values} - {*(value if isinstance(value, dict) else ())}
     if value is None:
         table.pop(last, None)
     else:
         table[last] = value
-
-
-def check_kept(tables: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Raise SceneError where one override took out the key of another."""
-    for dotted, value in changes.items():
-        name, _, key = dotted.partition(".")
-        table = tables.get(name)
-        if (
-            value is not None
-            and key.isidentifier()
-            and isinstance(table, dict)
-            and key not in table
-        ):
-            others = " or ".join(other for other in changes if other != dotted)
-            raise SceneError(
-                f"--set {named(dotted)} and {named(others)} exclude each other; keep one"
-            )
+    return {".".join([*(path or [last]), key]) for key in removed}
 
 
 def _placed(part):

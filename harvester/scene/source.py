@@ -11,7 +11,7 @@ from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
 from harvester.base.reading import read_input
 from harvester.device.keys import every_key
-from harvester.scene.overrides import check_kept, parsed, put, texts
+from harvester.scene.overrides import parsed, put_all, texts
 from harvester.scene.tables import all_tables
 from harvester.scene.toml import LARGEST_SCENE, parts_of, read_toml
 
@@ -45,10 +45,7 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
             for key in FILES & {*table}:
                 if isinstance(table[key], str):
                     table[key] = str(path.parent / table[key])
-    changes = dict(map(parsed, texts(overrides)))
-    for key, value in changes.items():
-        put(tables, key, value, "--set")
-    check_kept(tables, changes)
+    put_all(tables, dict(map(parsed, texts(overrides))), "--set")
     return tables, path
 
 

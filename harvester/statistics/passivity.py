@@ -24,7 +24,8 @@ STEPS_OWN_EXCESS = 5e-4
 FAINT_OUTPUT = 1e-5
 
 # Stores feed an output if they deliver more than the first share of its power and more than one
-# standard error, or more than the second: the bar of a store that is emptied once is too large.
+# standard error. A store that discharges once has too large an error bar: above the second share
+# the error is ignored.
 DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
 
 
@@ -42,7 +43,7 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
     if not power > 0.0:
         return ""
     if drawn > MOST_DRAWN * power or drawn > max(DRAWN_SHARE * power, stored.standard_error or 0.0):
-        share, origin = min(drawn / power, 1.0), "its stores"
+        share, origin = min(drawn / power, 1.0), "the load's stores"
     elif power > (1.0 + DRAWN_SHARE) * given.estimate:
         share, origin = 1.0 - max(given.estimate, 0.0) / power, "within the load"
     else:

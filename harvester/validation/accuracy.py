@@ -183,6 +183,8 @@ class Accuracy(ResultBase):
             for row in self.rows
             if row.bias and (row.method.source, row.method.scheme) == ("external", "trapezoidal")
         ]
+        if not rows:
+            return []
         lines = [
             f"{row.method.family}: the circuit's default step: {bias_verdict(row)}"
             for row in rows

@@ -45,8 +45,8 @@ def draw(study: Any) -> Figure:
     title = (
         f"{device}: error against run time, and the time to an error "
         f"({machine['date']}, {machine['cores']} cores)\n"
-        "bars: two standard errors; hollow: Gear's formula; total errors are of default settings, "
-        "dashed where the bias is not known so well"
+        "bars: two standard errors, none where they are not known; hollow: Gear's formula; total "
+        "errors are of default settings, dashed where the bias is known less well"
     )
     return draw_panels(panels, title, size=(3.5, 3.1))
 

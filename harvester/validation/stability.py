@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Unpack
 
 from harvester.base.errors import SceneError
@@ -80,10 +80,10 @@ class StabilityMatrix(ResultBase):
 
     def view(self) -> View:
         """The verdict of each cell; a figure has `PAGE` rows, which can be read in print."""
-        parts = [self.rows[first : first + PAGE] for first in range(0, len(self.rows), PAGE)]
-        names = ["", *map(str, range(2, len(parts) + 1))]
+        starts = range(0, len(self.rows), PAGE)
         pictures = [
-            Picture(_draw, replace(self, rows=p), n) for p, n in zip(parts, names, strict=True)
+            Picture(_draw, (self, self.rows[first : first + PAGE]), str(number) if first else "")
+            for number, first in enumerate(starts, 1)
         ]
         return View(self._table(), self._findings(), pictures=pictures)
 
@@ -187,14 +187,15 @@ def stability(
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 
-def _draw(matrix):
-    """The table in colour."""
+def _draw(matrix_and_rows):
+    """Some rows of the table in colour, below the counts of the whole matrix."""
     from matplotlib.figure import Figure
 
-    words = [[row.cells[method].word for method in matrix.methods] for row in matrix.rows]
-    texts = [[row.cells[method].text() for method in matrix.methods] for row in matrix.rows]
+    matrix, rows = matrix_and_rows
+    words = [[row.cells[method].word for method in matrix.methods] for row in rows]
+    texts = [[row.cells[method].text() for method in matrix.methods] for row in rows]
     lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
-    titles = [row.case.title for row in matrix.rows]
+    titles = [row.case.title for row in rows]
     figure = Figure(figsize=(WIDTH, 1.4 + 0.25 * len(titles)))
     axes: Any = figure.subplots()
     axes.axis("off")

@@ -13,6 +13,7 @@ from typing import Any
 
 from harvester.averaging.closures import NOISE_CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
+from harvester.base.arguments import check_name
 from harvester.base.errors import SceneError
 from harvester.base.serialising import key
 from harvester.device import timescales
@@ -163,6 +164,7 @@ def _scene_value(scene, name, value):
     if name in KEYS:
         dotted, lengths, masses = KEYS[name]
         return dotted, value * length**lengths * mass**masses
+    check_name("scaled value", name, (*KEYS, "monostable", "decay_rate", "coupling"))
     in_si = scene.units == "SI"
     if in_si and not isinstance(scene.transducer, PiezoTable):
         raise SceneError(f"{scene.name}: cases of λ and β want a [piezo]; this device has none")

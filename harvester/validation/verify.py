@@ -190,7 +190,7 @@ class Verification(ResultBase):
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
         return _page(
-            "# Verified against others",
+            "# Known results",
             "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators beside this project's results.",

@@ -181,11 +181,12 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else run.whole[name].note or TOO_SHORT
     power = Estimate(float(series.mean()), error, None, "power", why)
-    size = step_sizes(run.whole).get(name)
-    size = None if size is None else size * scales.power
-    power = with_steps(scene, power, run.path_error, size=size)
     if run.whole[name].note == ROUNDED_OFF:
         power = run.whole[name]
+    else:
+        size = step_sizes(run.whole).get(name)
+        size = None if size is None else size * scales.power
+        power = with_steps(scene, power, run.path_error, size=size)
     reason = (f"output power: {why}",) if why and not run.shortfalls else ()
     notes = (*on_orbits, *run.notes, *residual_notes(run.residual), *reason)
     outcome = "; ".join([COMPLETE, *notes])

@@ -13,6 +13,7 @@ from harvester.engines.request import Request
 from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.run_estimates import error_of
 from harvester.studies.answers import (
@@ -34,7 +35,7 @@ NOTHING = (
 
 def is_nothing(value: Estimate) -> bool:
     """Whether a value is 0 within its error."""
-    return abs(value.estimate) <= NOTHING_SIGMAS * (value.standard_error or 0.0)
+    return not differ(value.estimate, value.standard_error or 0.0, sigmas=NOTHING_SIGMAS)
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import NO_ERROR_BAR, quantity, value_and_error
+from harvester.base.formatting import quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.tables import require_xarray
 from harvester.device import timescales
@@ -28,6 +28,7 @@ from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
 from harvester.scene.tables import key_column, key_label
 from harvester.statistics.batch_means import RAISED
+from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -142,9 +143,9 @@ class Residence(ResultBase):
         stay = self.stays[0]
         where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
         well = quantity(stay.well, unit_of(self.scene, "displacement"))
-        time = _time_text(stay).removesuffix(NO_ERROR_BAR)
-        bare = NO_ERROR_BAR * (stay.standard_error is None and math.isfinite(stay.time))
-        return f"mean residence time {time} s{bare} in the well at {well}{where}"
+        mean = with_error(Estimate(stay.time, stay.standard_error, None, "time"), "s")
+        time = mean if math.isfinite(stay.time) else f"{_time_text(stay)} s"
+        return f"mean residence time {time} in the well at {well}{where}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
@@ -201,8 +202,6 @@ class Residence(ResultBase):
 def _time_text(stay):
     if not math.isfinite(stay.time):
         return f"over {stay.watched:.4g}"
-    if stay.standard_error is None:
-        return f"{stay.time:.3g}{NO_ERROR_BAR}"
     return value_and_error(stay.time, stay.standard_error)
 
 

@@ -178,7 +178,7 @@ def test_an_option_of_another_command_is_told_in_this_ones_word(capsys, command,
 
 def test_an_option_in_front_of_its_command_is_told_where_it_goes(capsys):
     assert main(["--quiet", "simulate", "paper"]) == 2
-    assert capsys.readouterr().err == "harvester: --quiet goes behind simulate\n"
+    assert capsys.readouterr().err == "harvester: write --quiet after simulate\n"
 
 
 def test_a_missing_library_says_how_to_get_it(monkeypatch, capsys):

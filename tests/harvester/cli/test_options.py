@@ -277,8 +277,8 @@ def test_a_call_that_cannot_be_read_is_refused_in_one_line(words, message, capsy
     [
         ("simulat", "simulat: no such command (did you mean simulate?)"),
         ("papre average", "papre: no such command"),
-        ("--quiet simulate paper", "--quiet goes behind simulate"),
-        ("--json - simulate paper", "--json goes behind simulate"),
+        ("--quiet simulate paper", "write --quiet after simulate"),
+        ("--json - simulate paper", "write --json after simulate"),
         ("--jsn simulate paper", "simulate: unknown argument --jsn (did you mean --json?)"),
     ],
 )

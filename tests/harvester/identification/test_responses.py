@@ -172,7 +172,9 @@ def test_responses_that_tell_nothing_are_refused():
     with pytest.raises(SceneError, match="must rise or fall from line to line"):
         MeasuredResponse(np.abs(FREQUENCY - FREQUENCY.mean()) + 1.0, seen)
     for lines in ([], [[1.0, 2.0]]):
-        with pytest.raises(SceneError, match=r"frequency has the shape .*: must be one number per"):
+        with pytest.raises(
+            SceneError, match=r"frequency has the shape .*: must be a list of numbers"
+        ):
             MeasuredResponse(lines, lines)
     downwards = MeasuredResponse(list(FREQUENCY[::-1]), seen[::-1])
     np.testing.assert_array_equal(downwards.frequency, FREQUENCY)

@@ -169,3 +169,21 @@ def test_k2_of_a_coil_without_inductance_is_refused():
     overrides = ["coil.coupling=none", "coil.k2=0.1", "coil.inductance=0"]
     with pytest.raises(SceneError, match=r"coil\.k2 needs coil\.inductance > 0"):
         Scene.read("electromagnetic", overrides)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("oscillator.restoring_force[1]=2.0", "oscillator.linear_stiffness=1.0"),
+        ("excitation.intensity=0.2", 'excitation={kind="white", density=0.1}'),
+        ("stoppers.gap=0.5", "stoppers=none"),
+    ],
+)
+def test_an_override_that_removes_an_earlier_one_is_refused_by_both_names(first, second):
+    overrides = ["oscillator.damping=0.1", "oscillator.restoring_force=[0.0, 1.0, 0.0, 1.0]"]
+    names = [text.partition("=")[0] for text in (first, second)]
+    with pytest.raises(SceneError) as error:
+        Scene.read("paper", [*overrides[: 1 + ("force" in first)], first, second])
+    assert f"--set {names[0]} and {names[1]} exclude each other" in str(error.value) or (
+        f"--set oscillator.restoring_force and {names[1]} exclude" in str(error.value)
+    )

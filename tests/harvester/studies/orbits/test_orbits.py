@@ -664,5 +664,5 @@ def test_basins_say_the_plane_of_their_starts():
     ],
 )
 def test_a_grid_along_one_key_has_one_form(over, values):
-    with pytest.raises(HarvesterError, match=r"^over .*give one key with its values"):
+    with pytest.raises(HarvesterError, match=r"^over: .*give one key with its values"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over=over, values=values)
