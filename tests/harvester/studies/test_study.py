@@ -444,7 +444,8 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     wide = replace(stored, standard_error=3.0 * abs(stored.estimate))
     assert replace(fed, estimates={**fed.estimates, "mean_storage_power": wide}).unranked
     assert any(
-        "of the output power comes from its stores, not" in line for line in found.sentences()
+        "of the output power comes from the load's stores, not" in line
+        for line in found.sentences()
     )
 
 
