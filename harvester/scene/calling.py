@@ -52,6 +52,16 @@ def shown_progress(
             yield {**options, "progress": bar} if bar else options
 
 
+def _instead(option, names):
+    """The scene's key of that name, or the nearest option, else all options."""
+    from harvester.scene.tables import all_keys
+
+    for key in all_keys():
+        if key.partition(".")[2] == option:
+            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+    return nearest(option, names) or f"; there are {', '.join(names)}"
+
+
 def takes_scene(
     function: Callable[Concatenate[Scene, Options], Answer],
 ) -> Callable[Concatenate[SceneOrName, Options], Answer]:
@@ -77,9 +87,9 @@ def takes_scene(
             )
         for option in options:
             if option not in accepted:
-                names = [*accepted][1:]
-                hint = nearest(option, names) or f"; there are {', '.join(names)}"
-                raise UnknownOption(f"{name}: no option {option}{hint}")
+                raise UnknownOption(
+                    f"{name}: no option {option}{_instead(option, [*accepted][1:])}"
+                )
         with (
             usual_arithmetic(),
             named_as_called(function),

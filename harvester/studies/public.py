@@ -331,6 +331,7 @@ def sweep(
     from harvester.engines.opening import open_runner
     from harvester.engines.request import Request
     from harvester.studies import sweep as work
+    from harvester.studies.answers import check_quantities
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
@@ -342,6 +343,7 @@ def sweep(
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
     grid = make_grid(scene, (), over, any_key=True)
+    check_quantities(quantities, [point.scene for point in grid.points], chosen)
     requests = [
         Request(point.scene, method, precision=precision, quantities=quantities)
         for point in grid.points
@@ -352,9 +354,6 @@ def sweep(
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
     cells = work.cells_of(labels, answers)
-    available = tuple({name: None for cell in cells for name in cell.estimates})
-    for name in quantities if available else ():
-        check_name("quantity", name, available)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
@@ -510,7 +509,7 @@ def sensitivity(
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
     from harvester.engines.opening import open_runner
-    from harvester.studies.answers import checked_method
+    from harvester.studies.answers import check_quantities, checked_method
     from harvester.studies.sensitivity import study as work
     from harvester.studies.sensitivity.tolerances import directions, tolerance
 
@@ -535,6 +534,7 @@ def sensitivity(
     chosen = checked_method(scene, method)
     shape = rows, len(tolerances) + 2
     quantity = quantity or _power_of(scene)
+    check_quantities([quantity], [scene], [chosen])
     with open_runner(**running) as opened:
         study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
@@ -581,8 +581,7 @@ def optimum(
         Places proposed, over several parameters (default: 60 for each), or of the grid of one
         parameter by a closure (17). Those of the climb, some tens, come on top.
     precision : float or None
-        Relative standard error of the value at the optimum of several parameters (default: the
-        scene's own run).
+        Relative standard error of the value at the optimum (default: the scene's own run).
     **running
         See `harvester.open_runner`.
 
@@ -613,7 +612,7 @@ def optimum(
     from harvester.engines.opening import open_runner
     from harvester.engines.progress import Stages
     from harvester.statistics.output_side import RATIOS
-    from harvester.studies.answers import checked_method, orbits_at
+    from harvester.studies.answers import check_quantities, checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
     from harvester.studies.optimum.line import MAXIMISED, along
     from harvester.studies.optimum.several import over_several
@@ -637,9 +636,8 @@ def optimum(
     # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
     # So is one of a closure, which has no noise.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
-    for name, value in {"evaluations": evaluations, "precision": precision}.items():
-        if value is not None and is_one:
-            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if evaluations is not None and is_one:
+        raise HarvesterError("--evaluations: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
     progress = running.pop("progress", None)
@@ -649,6 +647,8 @@ def optimum(
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
         check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    else:
+        check_quantities([maximise], [scene], [chosen])
     if limited and not isinstance(chosen, Engine):
         raise HarvesterError(
             f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
@@ -659,7 +659,7 @@ def optimum(
         if progress:
             runner.report_to(stages)
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
+            found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:
             found = over_several(
                 scene, axes, maximise, chosen, runner, stages, evaluations, precision

@@ -263,4 +263,5 @@ def residence(
         method=engine.name,
         engine_version=next((text for _, text in outcomes if text), ""),
         seconds=time.perf_counter() - clock,
+        precision=precision,
     )

@@ -26,7 +26,6 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 from harvester.studies import SENSITIVITY_FILES
 from harvester.studies.answers import (
-    check_quantity,
     first_answer,
     is_complete,
     is_noisy,
@@ -281,7 +280,6 @@ def study_of(
 ) -> Sensitivity:
     """Everything of a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
     nominal = first_answer(runner, Request(scene, method))
-    check_quantity(quantity, nominal)
     shares = design(shape[0], len(tolerances), scene.run.seed)
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
