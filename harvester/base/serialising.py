@@ -23,6 +23,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from harvester.base.numbers import is_real
 from harvester.base.plain_text import shown
 from harvester.base.writing import finite
 
@@ -40,7 +41,7 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
     """The fields of a dataclass by their keys, each as a plain value.
 
     `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-    `unit` instead.
+    `unit` instead. `IN_JSON` of a class: further keys, with the names of their properties.
     """
     content = {}
     for field in dataclasses.fields(instance):
@@ -49,7 +50,8 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
             name, value = "unit", units(value)
         if name is not None:
             content[name] = plain(value, units)
-    return content
+    further = getattr(instance, "IN_JSON", {}).items()
+    return content | {name: plain(getattr(instance, attribute)) for name, attribute in further}
 
 
 def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
@@ -107,8 +109,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
     elif kind is float and value is None:
         return math.nan
     elif kind is float:
-        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        _require(is_number, value, where, "a number")
+        _require(is_real(value), value, where, "a number")
     elif kind is int:
         is_count = isinstance(value, numbers.Integral) and not isinstance(value, bool)
         _require(is_count and value >= 0, value, where, "a whole number ≥ 0")

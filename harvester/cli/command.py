@@ -6,14 +6,14 @@ import contextlib
 import inspect
 import pkgutil
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
 from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
-from harvester.cli.output import check_places, result_files, show, study_runner, write_result
+from harvester.cli.output import check_places, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
@@ -143,13 +143,8 @@ class StudyCommand(Command):
         command's name.
     failed : callable or None
         Function that tells from the result whether the exit code is 1.
-    json : bool
-        Whether the command has the option --json.
     waveform : bool
         Whether there is --waveform, which gets the result's `waveform`.
-    files : tuple of str
-        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
-        folder gets JSON, figure and tables.
     running : callable or None
         Function of the options that gives the runner's settings where the user leaves it out.
     bar : str
@@ -160,16 +155,13 @@ class StudyCommand(Command):
     title: str | Callable[[Any], str] = ""
     stem: str = ""
     failed: Callable[[Any], bool] | None = None
-    json: bool = True
     waveform: bool = False
-    files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
     def options(self) -> Iterator[tuple[Option, str]]:
         *options, quiet_option = super().options()
         yield from options
-        if self.json:
-            yield Option.of("json", File), "Write JSON; - for standard output."
+        yield Option.of("json", File), "Write JSON; - for standard output."
         if not self._takes_runner():
             yield Option.of("output", Folder), "Folder for JSON and figure."
         if self.waveform:
@@ -187,21 +179,16 @@ class StudyCommand(Command):
         defaults = {name: option.default for name, option in options_of(self.target).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        check_places(**places, files=self.files or result_files(name))
-        if places["output"] and any(file.endswith(".nc") for file in self.files):
-            from harvester.base.tables import require_xarray
-
-            # Raised now rather than after a long run: the library of these files is missing.
-            require_xarray()
+        check_places(**places, names=[name])
         # The progress bar of a single simulation names its method.
         label = stem if self.bar == "simulated time" else self.name
         with self._opened(label, scene, values) as runner:
             result = self._computed(scene, values, places["json"])
             if runner:
                 # The folder is still locked, so that no other run writes its files among these.
-                self._deliver(result, name, runner.folder, **places)
+                self._deliver(result, name, **places)
         if not runner:
-            self._deliver(result, name, None, **places)
+            self._deliver(result, name, **places)
         return 1 if self.failed and self.failed(result) else 0
 
     def _computed(self, scene, values, json):
@@ -213,21 +200,19 @@ class StudyCommand(Command):
                 write_result(json, None, "", error.partial)
             raise
 
-    def _deliver(self, result, name, folder, json, output, report, waveform):
+    def _deliver(self, result, name, json, output, report, waveform):
         title = self.title(result) if callable(self.title) else self.title
         title = title or self.name.replace("-", " ")
         show(result, title, json)
         try:
-            if not self.files:
-                write_result(json, output, name, result)
-            elif output:
-                result.save(folder)
-                say(f"written to {output}: {', '.join(self.files)}")
+            write_result(json, output, name, result)
         finally:
             if waveform and result.waveform is None:
                 say(f"{waveform}: not written, as the first realization failed")
             elif waveform:
-                result.waveform.save(waveform)
+                from harvester.results.files import save
+
+                save(result.waveform, waveform)
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.base.writing import write_text

@@ -9,7 +9,6 @@ from collections.abc import Collection
 from cyclopts import App, Group
 
 from harvester.cli.command import Command, StudyCommand
-from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
@@ -67,8 +66,6 @@ GROUPS = {
             "device --load bridge --load sece "
             "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
             failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
-            json=False,
-            files=LOAD_STUDY_FILES,
             running=_budget,
         ),
         StudyCommand(
@@ -133,8 +130,6 @@ GROUPS = {
             "harvester:sensitivity",
             "paper --vary oscillator.cubic_stiffness=±10% "
             "--vary stoppers.gap=normal:2% --above 0.001 --output tolerances",
-            json=False,
-            files=SENSITIVITY_FILES,
         ),
         Command(
             "harvester.cli.circuit:load",

@@ -18,7 +18,7 @@ from harvester.base.signatures import (
     Step,
     as_list,
 )
-from harvester.cli.output import check_places, result_files, show, study_runner, write_result
+from harvester.cli.output import check_places, show, study_runner, write_result
 
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName
@@ -113,7 +113,7 @@ def reproduce(
                 f"{name}: no such figure{nearest(name, NAMES)}; there are {', '.join(NAMES)}, all"
             )
     names = [name for name in NAMES if name in figures or "all" in figures]
-    check_places(None, output, files=[file for name in names for file in result_files(name)])
+    check_places(None, output, names=names)
     scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
     finished = {}
 

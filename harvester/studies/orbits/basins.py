@@ -94,7 +94,7 @@ class Basins(ResultBase):
                 f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
                 *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
                 _section(orbit, self.unit("displacement")),
-                "—" if orbit.lyapunov is None else str(orbit.lyapunov),
+                NOT_KNOWN if orbit.lyapunov is None else str(orbit.lyapunov),
             ]
             for orbit in self.orbits
         ]

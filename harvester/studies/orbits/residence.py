@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import quantity, value_and_error, with_error
+from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import LEFT_OUT
 from harvester.base.tables import require_xarray
@@ -136,7 +136,7 @@ class Residence(ResultBase):
                 f"{stay.well:.4g}",
                 _time_text(stay),
                 f"{stay.stays}",
-                "—" if stay.kramers is None else f"{stay.kramers:.4g}",
+                NOT_KNOWN if stay.kramers is None else f"{stay.kramers:.4g}",
             ]
             for stay in self.stays
         ]
