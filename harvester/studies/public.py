@@ -153,7 +153,7 @@ def frequency_response(
         A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
-        In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas.
+        In Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
     amplitude : float or None
         Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
@@ -305,8 +305,8 @@ def sweep(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
-        Any key of the scene and its values: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps),
-        or numbers or words between commas; several make a grid.
+        Any key of the scene and its values, numbers or words, such as
+        {"load.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
@@ -388,8 +388,8 @@ def load_study(
     loads : sequence of str
         A load of netlists/ or a file; several may be given (default: the scene's own).
     over : dict of str to sequence of float
-        FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas; several
-        make a grid.
+        Numbers of the scene and their values, such as
+        {"load.parameters.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     method : str or Method
         judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
