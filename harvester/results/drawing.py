@@ -149,5 +149,5 @@ def density_label(result: Any, name: str) -> str:
     """ "probability density [1/m]" of a dimension."""
     unit = result.unit(name)
     if unit.startswith("scaled"):
-        return "probability density"
+        return "probability density [scaled]"
     return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from harvester.base.errors import SceneError
-from harvester.base.formatting import NOT_KNOWN
+from harvester.base.formatting import NOT_KNOWN, written
 from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.simulate import check_step, require_noise
@@ -101,7 +101,7 @@ class StabilityMatrix(ResultBase):
             row.case.title,
             *(row.cells[method].text() for method in self.methods),
             " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
-            f"{sum(answer.seconds for answer in answers if answer):.1f}",
+            written(sum(answer.seconds for answer in answers if answer), ".1f", "s"),
         ]
 
     def _findings(self) -> list[str]:
