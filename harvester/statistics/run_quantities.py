@@ -58,7 +58,6 @@ def estimate_all(
         for name, (quantity, dimension) in MEANS.items()
     }
     estimates["rms_voltage"] = root(estimates["mean_square_voltage"])
-    estimates["rms_velocity"] = root(estimates["mean_square_velocity"])
     estimates.update(_efficiencies(series, products, error_of))
     if not timescales.bistable(parameters):
         del estimates["well_crossing_rate"]
