@@ -85,11 +85,16 @@ def export(
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
     """
+    from harvester.cli.console import progress
+
     options: dict[str, Any] = {
         "dialect": dialect, "step": step, "realization": realization,
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
-    for path in write(scene, kind, output, say, **options):
+    with progress() as follow:
+        follow("export", None)
+        paths = write(scene, kind, output, say, **options)
+    for path in paths:
         say(f"written: {path}")
 
 

@@ -6,10 +6,9 @@ Each imports its study when it is called, since the help of a command must not i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.base.errors import HarvesterError
-from harvester.base.plain_text import nearest
+from harvester.base.arguments import check_name
 from harvester.base.signatures import (
     Kind,
     RunnerOptions,
@@ -103,15 +102,13 @@ def reproduce(
         Folder for results, and for every finished piece: run the same command again to go on
         after a kill (default: results).
     """
+    from harvester.cli.console import progress
     from harvester.scene.model import Scene
     from harvester.validation.reproduce import NAMES, reproduce
 
-    output = running.setdefault("output", "results")
+    output = running.pop("output", "results")
     for name in figures:
-        if name not in (*NAMES, "all"):
-            raise HarvesterError(
-                f"{name}: no such figure{nearest(name, NAMES)}; there are {', '.join(NAMES)}, all"
-            )
+        check_name("figure", name, (*NAMES, "all"))
     names = [name for name in NAMES if name in figures or "all" in figures]
     check_places(None, output, files=[file for name in names for file in result_files(name)])
     scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
@@ -122,16 +119,12 @@ def reproduce(
         finished[content.name] = content
 
     try:
-        with study_runner("figures", **running) as runner:
-            reproduce(
-                scene,
-                names,
-                quick=quick,
-                precision=precision,
-                thorough=thorough,
-                runner=runner,
-                on_figure=keep,
-            )
+        with (
+            progress() as follow,
+            study_runner(follow("figures", None), output, **running) as runner,
+        ):
+            effort: Any = {"quick": quick, "precision": precision, "thorough": thorough}
+            reproduce(scene, names, **effort, runner=runner, on_figure=keep)
     except KeyboardInterrupt as interrupt:
         hint = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
         raise KeyboardInterrupt(

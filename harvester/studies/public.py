@@ -6,6 +6,7 @@ inside, so that reading them needs no numba.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping
@@ -655,9 +656,10 @@ def optimum(
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
-    with open_runner(**running) as runner:
+    with contextlib.ExitStack() as opened:
+        runner = opened.enter_context(open_runner(**running))
         if progress:
-            runner.report_to(stages)
+            opened.enter_context(runner.reporting_to(stages))
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
         else:
