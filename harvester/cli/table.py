@@ -142,19 +142,19 @@ GROUPS = {
     ),
     "verification": (
         Command(
-            "harvester.cli.verification:verify",
+            "harvester:verify",
             "--output results",
             title="known results",
             failed=lambda result: result.failed,
         ),
-        Command("harvester.cli.verification:reproduce", "fig6 fig9 --quick --output results"),
+        Command("harvester.cli.reproduce:reproduce", "fig6 fig9 --quick --output results"),
         Command(
-            "harvester.cli.verification:accuracy",
+            "harvester:accuracy",
             "paper --output results",
             title="error against run time",
         ),
         Command(
-            "harvester.cli.verification:stability",
+            "harvester:stability",
             "paper --output results",
             title="stiff and extreme cases",
             failed=lambda matrix: matrix.wrong,

@@ -1,74 +1,13 @@
-"""Commands that judge the program: known results, accuracy, stiff cases, the source paper.
-
-Each imports its study when it is called, since the help of a command must not import numba.
-"""
+"""`harvester reproduce`: the source paper's figures and statements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Unpack
+from typing import Annotated, Any, Unpack
 
 from harvester.base.arguments import check_name
-from harvester.base.signatures import (
-    Kind,
-    RunnerOptions,
-    Seed,
-    Share,
-    Step,
-    as_list,
-)
+from harvester.base.signatures import Kind, RunnerOptions, Seed, Share, as_list
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
-
-if TYPE_CHECKING:
-    from harvester.scene.calling import SceneOrName
-    from harvester.validation.accuracy import Accuracy
-    from harvester.validation.stability import StabilityMatrix
-    from harvester.validation.verify import Verification
-
-
-def verify(**running: Unpack[RunnerOptions]) -> Verification:
-    """Exact and published results beside this project's.
-
-    Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
-    Carlo and the stationary solver; exit code 1 where one disagrees.
-    """
-    from harvester.validation.verify import verify
-
-    return verify(**running)
-
-
-def stability(
-    scene: SceneOrName = "paper", *, step: Step = "default", **running: Unpack[RunnerOptions]
-) -> StabilityMatrix:
-    """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-    step : str or float
-        default, fine, finest, or the longest step in seconds.
-    time_limit : float
-        Wall-clock limit of one case by one method (default: 120).
-    """
-    from harvester.validation.stability import stability
-
-    return stability(scene, step=step, **running)
-
-
-def accuracy(
-    scene: SceneOrName, *, thorough: bool = False, **running: Unpack[RunnerOptions]
-) -> Accuracy:
-    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-    thorough : bool
-        More paths, steps and realizations.
-    """
-    from harvester.validation.accuracy import accuracy
-
-    return accuracy(scene, thorough=thorough, **running)
 
 
 def reproduce(
