@@ -357,15 +357,14 @@ class Result(ResultBase):
         label : str or None
             Label in the legend (default: the method).
         **style
-            `colour` and `line`, as matplotlib has them.
+            `colour`, `line`, `width`, as matplotlib has them.
         """
         if name not in self.densities:
             raise UnknownQuantity(
                 f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
                 f"there are {', '.join(self.densities) or 'none'}"
             )
-        colour = style.pop("colour", f"C{len(axes.lines)}")
-        draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
+        draw_density(axes, self, name, label or self.engine, **style)
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def section(self) -> np.ndarray:

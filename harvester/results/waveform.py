@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from harvester.base.tables import require_xarray, write_netcdf
 from harvester.device.record import Record
 from harvester.results import figures
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import set_title
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
 from harvester.statistics.units import unit_of
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
-# Width and height of a panel, in inches.
-WIDTH, HEIGHT = 7.0, 1.3
+# Size of a panel, in inches.
+SIZE = 5.8, 1.3
 # A line of many points is drawn by the smallest and largest value of each of this number of
 # intervals, at least two to a pixel: it covers the same pixels.
 INTERVALS = 2000
@@ -195,12 +195,8 @@ def _current(record: Record) -> np.ndarray:
 
 def _draw(waveform):
     """Every column over time; the velocity is left out, which the displacement shows."""
-    from matplotlib.figure import Figure
-
-    drawn = _drawn_once(waveform)
-    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(drawn)))
-    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False).ravel()
-    for axes, (words, name) in zip(panels, drawn.items(), strict=True):
+    panels = []
+    for words, name in _drawn_once(waveform).items():
         values, unit = waveform.columns[name], waveform.units[name]
         middle = float(values.mean()) if values.size else 0.0
         spread = float(np.ptp(values)) if values.size else 0.0
@@ -211,11 +207,12 @@ def _draw(waveform):
             words, values = f"{words}\n{sign} {quantity(abs(middle), unit, 7)}", values - middle
         factor, unit = prefixed(float(abs(values).max(initial=0.0)), unit)
         line = _same_pixels(waveform.time, factor * values)
-        axes.plot(*line, color=CIRCUIT, linewidth=0.8)
-        axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
-    panels[-1].set_xlabel("time [s]")
-    figure.align_ylabels(panels)
-    set_title(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
+        label = f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]"
+        panels.append(Panel("", label, [Series(*line, colour=CIRCUIT, width=0.8)]))
+    panels[-1] = replace(panels[-1], x_label="time [s]")
+    title = f"{waveform.scene.name}: one realization by {waveform.engine}"
+    figure = draw_panels(panels, title, SIZE, columns=1, sharex=True)
+    figure.align_ylabels()
     return figure
 
 
