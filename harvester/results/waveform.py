@@ -28,9 +28,6 @@ PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
 # Size of a panel, in inches.
 SIZE = 5.8, 1.3
-# A line of many points is drawn by the smallest and largest value of each of this number of
-# intervals, at least two to a pixel: it covers the same pixels.
-INTERVALS = 2000
 # Columns that differ by no more than this share of their size are drawn once, and a column that
 # varies by no more as a constant: rounding would be the picture.
 SAME = 1e-9
@@ -206,9 +203,10 @@ def _draw(waveform):
             sign = "−" if middle > 0.0 else "+"
             words, values = f"{words}\n{sign} {quantity(abs(middle), unit, 7)}", values - middle
         factor, unit = prefixed(float(abs(values).max(initial=0.0)), unit)
-        line = _same_pixels(waveform.time, factor * values)
         label = f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]"
-        panels.append(Panel("", label, [Series(*line, colour=CIRCUIT, width=0.8)]))
+        panels.append(
+            Panel("", label, [Series(waveform.time, factor * values, colour=CIRCUIT, width=0.8)])
+        )
     panels[-1] = replace(panels[-1], x_label="time [s]")
     title = f"{waveform.scene.name}: one realization by {waveform.engine}"
     figure = draw_panels(panels, title, SIZE, columns=1, sharex=True)
@@ -232,16 +230,3 @@ def _drawn_once(waveform):
         else:
             drawn[words] = name
     return drawn
-
-
-def _same_pixels(time, values):
-    """A line of fewer points that covers the same pixels, where there are many."""
-    if time.size <= 4 * INTERVALS:
-        return time, values
-    edges = np.searchsorted(time, np.linspace(time[0], time[-1], INTERVALS, endpoint=False))
-    # An empty interval repeats the edge of the next one: it is dropped.
-    edges = np.unique(edges)
-    parts = list(zip(edges, np.split(values, edges[1:]), strict=True))
-    lows, highs = ([first + find(part) for first, part in parts] for find in (np.argmin, np.argmax))
-    points = np.unique([0, *lows, *highs, time.size - 1])
-    return time[points], values[points]
