@@ -100,8 +100,8 @@ def validate(
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
-    from harvester.results.paired import paired_difference
     from harvester.scene.prepared import prepared
+    from harvester.statistics.paired import paired_difference
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
