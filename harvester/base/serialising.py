@@ -23,6 +23,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from harvester.base.numbers import is_real
 from harvester.base.plain_text import shown
 from harvester.base.writing import finite
 
@@ -74,6 +75,18 @@ def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 
+def _is_count(value):
+    return is_real(value) and isinstance(value, numbers.Integral) and value >= 0
+
+
+# For each type of a plain value a test of it, and what a value must be.
+_PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
+    str: (lambda value: isinstance(value, str), "a text"),
+    float: (is_real, "a number"),
+    int: (_is_count, "a whole number ≥ 0"),
+}
+
+
 class NotAValue(Exception):
     """A value is of another type than the one that is read; the message says where it stands."""
 
@@ -91,7 +104,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
         (inner,) = set(get_args(kind)) - {NoneType}
         return None if value is None else read(inner, value, where)
     if dataclasses.is_dataclass(kind):
-        return _read_fields(kind, value, where)
+        return kind(**values_of(kind, value, where))  # type: ignore[operator]
     if get_origin(kind) is dict:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
@@ -102,29 +115,25 @@ def read(kind: Any, value: Any, where: str) -> Any:
     if get_origin(kind) is tuple:
         _require(isinstance(value, list | tuple), value, where, "a list")
         return tuple(read(get_args(kind)[0], item, where) for item in value)
-    if kind is str:
-        _require(isinstance(value, str), value, where, "a text")
-    elif kind is float and value is None:
+    if kind is float and value is None:
         return math.nan
-    elif kind is float:
-        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        _require(is_number, value, where, "a number")
-    elif kind is int:
-        is_count = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-        _require(is_count and value >= 0, value, where, "a whole number ≥ 0")
+    if kind in _PLAIN:
+        is_one, noun = _PLAIN[kind]
+        _require(is_one(value), value, where, noun)
     return value
 
 
-def _read_fields(kind, content, where):
+def values_of(kind: Any, content: Any, where: str) -> dict[str, Any]:
+    """The fields of a dataclass that JSON holds, by their names; see `read`."""
     _require(isinstance(content, Mapping), content, where, "a table")
     hints, values = get_type_hints(kind), {}
     for field in dataclasses.fields(kind):
         name = field.metadata.get(_KEY, field.name)
         if name in content:
             values[field.name] = read(hints[field.name], content[name], f"{where}.{name}")
-        elif field.default is field.default_factory is dataclasses.MISSING:
+        elif name and field.default is field.default_factory is dataclasses.MISSING:
             raise NotAValue(f"{where}.{name} is missing")
-    return kind(**values)
+    return values
 
 
 def _read_key(kind, name, where):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import File, Hertz, Kind, Metres, Seconds, Step
-from harvester.cli.shown import say
+from harvester.cli.shown import is_quiet, say
 from harvester.interop.formats import write
 
 if TYPE_CHECKING:
@@ -85,11 +85,16 @@ def export(
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
     """
+    from harvester.cli.console import progress
+
     options: dict[str, Any] = {
         "dialect": dialect, "step": step, "realization": realization,
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
-    for path in write(scene, kind, output, say, **options):
+    with progress() as follow:
+        follow("export", None)
+        paths = write(scene, kind, output, say, **options)
+    for path in paths:
         say(f"written: {path}")
 
 
@@ -182,12 +187,19 @@ def engine(*, json: File | None = None) -> None:
     from circuits.ngspice.engine import describe
     from harvester.base.worker_process import Worker
     from harvester.base.writing import check_writable, is_standard_output, write_json
-    from harvester.cli.console import show_engine
 
     if json:
         check_writable(json)
     with closing(Worker()) as worker:
-        description = worker.call(describe, {}, time_limit=60.0)
-    show_engine(description, to_stderr=is_standard_output(json))
+        found = worker.call(describe, {}, time_limit=60.0)
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    if not is_quiet():
+        print(
+            f"{found['version']} from {found['library']}",
+            f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+            f"compiled device: {found['compiled_device_off'] or 'on'}",
+            sep="\n",
+            file=sys.stderr if is_standard_output(json) else sys.stdout,
+        )
     if json:
-        write_json(json, description)
+        write_json(json, found)

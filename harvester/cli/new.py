@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from harvester.base.arguments import check_name
 from harvester.base.errors import OutputError, SceneError
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named, nearest, one_line
@@ -117,11 +118,7 @@ def _copied(name):
     """Text of a built-in scene with a head of its own."""
     from harvester.scene.source import BUILT_IN, built_in_names
 
-    names = built_in_names()
-    if name not in names:
-        raise SceneError(
-            f"{named(name)}: no built-in scene{nearest(name, names)}; there are {', '.join(names)}"
-        )
+    check_name("built-in scene", name, built_in_names())
     heading = "".join(f"# {line}\n" for line in [HEAD.format(name), *HINT.splitlines()])
     return f"{heading}\n" + (BUILT_IN / f"{name}.toml").read_text("utf-8")
 

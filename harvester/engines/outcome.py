@@ -13,9 +13,9 @@ from harvester.device.system import System
 from harvester.engines.methods import Engine
 from harvester.engines.orbits import note_on_one_start, note_on_repeats
 from harvester.engines.realization import Realization
+from harvester.engines.residual_cause import suspected_cause
 from harvester.excitation.spectrum import Spectrum
 from harvester.results.orbit import UNDETERMINED, Attractor
-from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene

@@ -6,6 +6,7 @@ inside, so that reading them needs no numba.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping
@@ -99,8 +100,8 @@ def validate(
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
-    from harvester.results.paired import paired_difference
     from harvester.scene.prepared import prepared
+    from harvester.statistics.paired import paired_difference
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
@@ -655,9 +656,10 @@ def optimum(
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
-    with open_runner(**running) as runner:
+    with contextlib.ExitStack() as opened:
+        runner = opened.enter_context(open_runner(**running))
         if progress:
-            runner.report_to(stages)
+            opened.enter_context(runner.reporting_to(stages))
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
         else:

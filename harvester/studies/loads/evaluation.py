@@ -28,7 +28,6 @@ from harvester.engines.request import (
     told,
 )
 from harvester.engines.task import Wanted
-from harvester.results.paired import sums
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
@@ -37,6 +36,7 @@ from harvester.statistics.batch_means import complete_batches
 from harvester.statistics.estimate import ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import USED, step_sizes
+from harvester.statistics.paired import sums
 from harvester.statistics.passivity import SUPPLIED, fed_by_stores
 from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
