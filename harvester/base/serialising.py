@@ -41,7 +41,7 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
     """The fields of a dataclass by their keys, each as a plain value.
 
     `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-    `unit` instead.
+    `unit` instead. `IN_JSON` of a class: further keys, with the names of their properties.
     """
     content = {}
     for field in dataclasses.fields(instance):
@@ -50,7 +50,8 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
             name, value = "unit", units(value)
         if name is not None:
             content[name] = plain(value, units)
-    return content
+    further = getattr(instance, "IN_JSON", {}).items()
+    return content | {name: plain(getattr(instance, attribute)) for name, attribute in further}
 
 
 def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:

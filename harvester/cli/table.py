@@ -9,7 +9,6 @@ from collections.abc import Collection
 from cyclopts import App, Group
 
 from harvester.cli.command import Command
-from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
@@ -66,7 +65,6 @@ GROUPS = {
             "device --load bridge --load sece "
             "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
             failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
-            files=LOAD_STUDY_FILES,
             running=_budget,
         ),
         Command(
@@ -128,7 +126,6 @@ GROUPS = {
             "harvester:sensitivity",
             "paper --vary oscillator.cubic_stiffness=±10% "
             "--vary stoppers.gap=normal:2% --above 0.001 --output tolerances",
-            files=SENSITIVITY_FILES,
         ),
         Command(
             "harvester.cli.circuit:load",

@@ -63,6 +63,14 @@ class Picture:
         """The figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
+    def html(self, alternative: str = "", caption: str = "") -> str:
+        """The figure within a page; empty if there is nothing to draw."""
+        from harvester.results.page import figure_of
+
+        figure = self.figure()
+        alternative = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
+
 
 @dataclass(frozen=True)
 class View:
@@ -224,19 +232,10 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *map(shown_in_notebook, view.pictures),
+            *(picture.html() for picture in view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
-
-
-def shown_in_notebook(picture: Picture, caption: str = "") -> str:
-    """A picture as HTML; empty if there is nothing to draw."""
-    from harvester.results.page import figure_of
-
-    figure = picture.figure()
-    name = picture.name or "figure"
-    return "" if figure is None else figure_of(figures.image(figure), name, caption)
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:

@@ -11,7 +11,7 @@ from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.statistics.estimate import Estimate, why_no_error
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.output_side import RATIOS, output_ratio
+from harvester.statistics.output_side import RATIOS, output_ratios
 from harvester.statistics.run_quantities import MEANS
 from harvester.statistics.well_balance import WellBalance, weighted, well_balance
 
@@ -113,7 +113,7 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
 def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
     """The sums over batches that a quantity is the ratio of; see `deviations`."""
     if name in RATIOS:
-        return output_ratio(moments, name)
+        return output_ratios(moments)[name]
     return _of_batches(complete_batches(moments), name)
 
 
