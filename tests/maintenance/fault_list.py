@@ -306,7 +306,7 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "factor = max(factor, 1.0 + 2.0 * max(neighbours, least_correlation))",
+        "factor = max(factor, 1.0 + 2.0 * neighbours)",
         "factor = max(factor, 1.0)",
         EXACT_ERROR,
     ),
