@@ -306,8 +306,8 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "factor = max(factor, 1.0 + 2.0 * neighbours)\n                else",
-        "factor = max(factor, 1.0)\n                else",
+        "                    factor = max(factor, 1.0 + 2.0 * neighbours)",
+        "                    factor = max(factor, 1.0)",
         EXACT_ERROR,
     ),
     Fault(
