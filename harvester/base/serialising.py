@@ -37,23 +37,15 @@ def key(name: str) -> dict[str, str]:
     return {_KEY: name}
 
 
-def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[str, Any]:
-    """The fields of a dataclass by their keys, each as a plain value.
-
-    `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-    `unit` instead.
-    """
-    content = {}
-    for field in dataclasses.fields(instance):
-        name, value = field.metadata.get(_KEY, field.name), getattr(instance, field.name)
-        if units is not None and field.name == "dimension":
-            name, value = "unit", units(value)
-        if name is not None:
-            content[name] = plain(value, units)
-    return content
+def fields_of(instance: Any) -> dict[str, Any]:
+    """The fields of a dataclass by their keys, each as a plain value."""
+    names = {f.metadata.get(_KEY, f.name): f.name for f in dataclasses.fields(instance)}
+    return {
+        name: plain(getattr(instance, field)) for name, field in names.items() if name is not None
+    }
 
 
-def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
+def plain(value: Any) -> Any:
     """A value as JSON takes it: NaN and infinity become null, arrays and tuples become lists.
 
     An object with a `to_dict` is converted by it; of other dataclasses all fields are taken.
@@ -65,13 +57,13 @@ def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     if isinstance(value, float):
         return finite(value)
     if isinstance(value, Mapping):
-        return {str(name): plain(item, units) for name, item in value.items()}
+        return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item, units) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if dataclasses.is_dataclass(value):
-        return fields_of(value, units)
+        return fields_of(value)
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 

@@ -33,9 +33,7 @@ class Command:
     ----------
     function : str
         MODULE:NAME, imported when the command or its help is called. It returns a result, or the
-        exit code, or None for 0.
-    example : str
-        Arguments of an example call.
+        exit code, or None for 0. Its docstring is the help, with an example of a call.
     title : str or callable
         Title of the table, or a function of the result that returns it; empty: the command's name.
     stem : str
@@ -54,7 +52,6 @@ class Command:
     """
 
     function: str
-    example: str
     title: str | Callable[[Any], str] = ""
     stem: str = ""
     failed: Callable[[Any], bool] | None = None

@@ -24,11 +24,12 @@ def page_of(result: ResultBase, title: str) -> str:
         return view.page()
     scene = result.scene
     waveform = getattr(result, "waveform", None)
-    drawn = [*view.pictures, *(waveform.view().pictures if waveform else ())]
+    pictures = [*view.pictures, *(waveform.view().pictures if waveform else ())]
+    drawn = [figure for picture in pictures if (figure := picture.figure()) is not None]
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
-        "Figures": "\n".join(_pictures(drawn, title)),
+        "Figures": "\n".join(figure_of(figures.image(figure), title, "") for figure in drawn),
         "How it came about": all_facts(view.findings),
     }
     about = ""
@@ -37,8 +38,3 @@ def page_of(result: ResultBase, title: str) -> str:
         about = f"seed {scene.run.seed}; scene {scene.digest()[:12]}"
         sections["Scene"] = wide(table_of(("key", "value"), scene_rows(scene), "text"))
     return page(title, about, {name: html for name, html in sections.items() if html})
-
-
-def _pictures(pictures, title):
-    for drawing in filter(None, (picture.figure() for picture in pictures)):
-        yield figure_of(figures.image(drawing), title, "")

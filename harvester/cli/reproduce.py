@@ -40,6 +40,12 @@ def reproduce(
     output : str or Path
         Folder for results, and for every finished piece: run the same command again to go on
         after a kill (default: results).
+
+    Examples
+    --------
+    ::
+
+        harvester reproduce fig6 fig9 --quick --output results
     """
     from harvester.cli.console import progress
     from harvester.scene.model import Scene

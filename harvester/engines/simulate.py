@@ -122,6 +122,12 @@ def simulate(
     -----
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
+
+    Examples
+    --------
+    ::
+
+        harvester simulate paper --method circuit --set excitation.intensity=0.1 --json -
     """
     options = {
         "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
