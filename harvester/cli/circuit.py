@@ -103,8 +103,7 @@ def export(
         "dialect": dialect, "step": step, "realization": realization,
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
-    with progress() as follow:
-        follow("export", None)
+    with progress("export"):
         paths = write(scene, kind, output, say, **options)
     for path in paths:
         say(f"written: {path}")

@@ -126,11 +126,13 @@ class Command:
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Raised now rather than after a long run: the library of these files is missing.
             require_xarray()
+        # The progress bar of a single run names its method.
+        label, seconds = self.name.replace("-", " "), 0.0
+        if self.is_run:
+            run = scene.run
+            label, seconds = stem, (run.settle + run.duration) * run.realizations
         with contextlib.ExitStack() as opened:
-            with progress() as follow:
-                # The progress bar of a single run names its method.
-                label = stem if self.is_run else self.name.replace("-", " ")
-                report = follow(label, scene if self.is_run else None)
+            with progress(label, seconds) as report:
                 if "progress" in parameters:
                     values["progress"] = report
                 if self.takes_runner:

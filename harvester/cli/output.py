@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from harvester.results.view import ResultBase
 
 # Endings of the files of a result in its folder.
-RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
-TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv")
+ENDINGS = (
+    ".json", ".csv", ".nc", ".png", "-joint.png", "-densities.csv", "-profile.csv", ".md",
+    "-measured.md", ".html", ".toml", "-proposed.toml",
+)  # fmt: skip
 
 
 @contextlib.contextmanager
 def study_runner(
-    progress: Callable[[float, str], object],
+    progress: Callable[[float, str], object] | None,
     output: str | os.PathLike | None,
     **running: Unpack[RunnerOptions],
 ) -> Iterator[Runner]:
@@ -75,7 +77,7 @@ def show(result: ResultBase, title: str, json: str | None = None) -> None:
 
 def result_files(name: str) -> list[str]:
     """Names of all files that `write_result` may write."""
-    return [f"{name}{ending}" for ending in (*RESULT_FILES, *TEXT_FILES)]
+    return [f"{name}{ending}" for ending in ENDINGS]
 
 
 def write_result(

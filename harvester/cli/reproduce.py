@@ -65,8 +65,8 @@ def reproduce(
 
     try:
         with (
-            progress() as follow,
-            study_runner(follow("figures", None), output, **running) as runner,
+            progress("figures") as report,
+            study_runner(report, output, **running) as runner,
         ):
             effort: Any = {"quick": quick, "precision": precision, "thorough": thorough}
             reproduce(scene, names, **effort, runner=runner, on_figure=keep)
