@@ -16,14 +16,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from collections.abc import Callable, Mapping
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from harvester.base.numbers import is_real
+from harvester.base.numbers import is_real, is_whole
 from harvester.base.plain_text import shown
 from harvester.base.writing import finite
 
@@ -67,15 +66,11 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 
-def _is_count(value):
-    return is_real(value) and isinstance(value, numbers.Integral) and value >= 0
-
-
 # For each type of a plain value a test of it, and what a value must be.
 _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
     str: (lambda value: isinstance(value, str), "a text"),
     float: (is_real, "a number"),
-    int: (_is_count, "a whole number ≥ 0"),
+    int: (lambda value: is_whole(value, 0), "a whole number ≥ 0"),
 }
 
 

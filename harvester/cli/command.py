@@ -19,8 +19,6 @@ from harvester.cli.shown import quiet, say
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-NO_RESULT = ("None", "int")
-
 
 @dataclass(frozen=True)
 class Command:
@@ -71,7 +69,7 @@ class Command:
 
     @property
     def returns_result(self) -> bool:
-        return inspect.signature(self.target).return_annotation not in NO_RESULT
+        return inspect.signature(self.target).return_annotation not in ("None", "int")
 
     @property
     def takes_runner(self) -> bool:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from harvester.results import figures
 from harvester.results.page import (
     all_facts,
-    figure_of,
     page,
     table_in_pages,
     table_of,
@@ -25,11 +23,10 @@ def page_of(result: ResultBase, title: str) -> str:
     scene = result.scene
     waveform = getattr(result, "waveform", None)
     pictures = [*view.pictures, *(waveform.view().pictures if waveform else ())]
-    drawn = [figure for picture in pictures if (figure := picture.figure()) is not None]
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
-        "Figures": "\n".join(figure_of(figures.image(figure), title, "") for figure in drawn),
+        "Figures": "\n".join(filter(None, (picture.html(title) for picture in pictures))),
         "How it came about": all_facts(view.findings),
     }
     about = ""

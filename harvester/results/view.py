@@ -63,6 +63,13 @@ class Picture:
         """The figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
+    def html(self, title: str) -> str:
+        """The figure as HTML; empty if there is nothing to draw."""
+        from harvester.results.page import figure_of
+
+        figure = self.figure()
+        return "" if figure is None else figure_of(figures.image(figure), title, "")
+
 
 @dataclass(frozen=True)
 class View:
@@ -224,19 +231,10 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *map(shown_in_notebook, view.pictures),
+            *(picture.html(picture.name or "figure") for picture in view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
-
-
-def shown_in_notebook(picture: Picture, caption: str = "") -> str:
-    """A picture as HTML; empty if there is nothing to draw."""
-    from harvester.results.page import figure_of
-
-    figure = picture.figure()
-    name = picture.name or "figure"
-    return "" if figure is None else figure_of(figures.image(figure), name, caption)
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:

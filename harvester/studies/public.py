@@ -18,6 +18,7 @@ from harvester.base.arguments import check_name, listed, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
 from harvester.base.signatures import (
+    Count,
     Distributions,
     Faults,
     File,
@@ -28,7 +29,6 @@ from harvester.base.signatures import (
     MethodOrName,
     Methods,
     Over,
-    Processes,
     Quantities,
     Ranges,
     RunnerOptions,
@@ -64,7 +64,7 @@ def validate(
     scene: Scene,
     *,
     step: Step = "default",
-    workers: Processes | None = None,
+    workers: Count | None = None,
     time_limit: Seconds = TIME_LIMIT,
     executor: Executor | None = None,
     runner: Workers | None = None,
