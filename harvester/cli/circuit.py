@@ -41,6 +41,12 @@ def netlist(
         default, fine, finest, or the longest step in seconds.
     realization : int
         Whose noise path.
+
+    Examples
+    --------
+    ::
+
+        harvester netlist paper --set run.duration=100 --output paper.cir
     """
     write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
 
@@ -84,6 +90,12 @@ def export(
         Samples a second of csv (default: 10000); Shepherd's is 100000.
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
+
+    Examples
+    --------
+    ::
+
+        harvester export device --as deck --output block
     """
     from harvester.cli.console import progress
 
@@ -91,8 +103,7 @@ def export(
         "dialect": dialect, "step": step, "realization": realization,
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
-    with progress() as follow:
-        follow("export", None)
+    with progress("export"):
         paths = write(scene, kind, output, say, **options)
     for path in paths:
         say(f"written: {path}")
@@ -110,6 +121,12 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
         Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
     output : str
         The load's file, NAME.lib (default: standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib
     """
     from circuits.netlist.imported import candidates, imported
     from circuits.netlist.load_notes import following_notes
@@ -161,6 +178,12 @@ def schematic(scene: Scene, *, output: File = "-") -> None:
     scene : Scene
     output : str
         An .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester schematic device --set load.netlist=bridge --output bridge.svg
     """
     from circuits.equivalent.schematic.drawing import schematic
     from harvester.base.writing import in_folder, is_stream, write_text
@@ -183,6 +206,12 @@ def engine(*, json: File | None = None) -> None:
     ----------
     json : str or None
         Write JSON; - for standard output.
+
+    Examples
+    --------
+    ::
+
+        harvester engine --json -
     """
     from circuits.ngspice.engine import describe
     from harvester.base.worker_process import Worker

@@ -23,6 +23,12 @@ def cite(result: File | None = None, /) -> None:
     ----------
     result : str or None
         JSON of simulate, average or validate (default: the sources of all methods).
+
+    Examples
+    --------
+    ::
+
+        harvester cite results/paper-validate.json
     """
     sources = sources_of(_read(result), named(result)) if result else all_sources()
     for source in sources:
@@ -68,7 +74,7 @@ def _is_used(source, scene, engines):
 
 def _read(file):
     try:
-        return json.loads(read_input(file, "result", LARGEST_RESULT))
+        return json.loads(read_input(file, "result of --json or --output", LARGEST_RESULT))
     except (ValueError, RecursionError):
         raise HarvesterError(
             f"{named(file)}: is no JSON; give a file that --json or --output wrote"

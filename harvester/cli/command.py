@@ -19,8 +19,6 @@ from harvester.cli.shown import quiet, say
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-NO_RESULT = ("None", "int")
-
 
 @dataclass(frozen=True)
 class Command:
@@ -33,9 +31,7 @@ class Command:
     ----------
     function : str
         MODULE:NAME, imported when the command or its help is called. It returns a result, or the
-        exit code, or None for 0.
-    example : str
-        Arguments of an example call.
+        exit code, or None for 0. Its docstring is the help, with an example of a call.
     title : str or callable
         Title of the table, or a function of the result that returns it; empty: the command's name.
     stem : str
@@ -51,7 +47,6 @@ class Command:
     """
 
     function: str
-    example: str
     title: str | Callable[[Any], str] = ""
     stem: str = ""
     failed: Callable[[Any], bool] | None = None
@@ -70,7 +65,7 @@ class Command:
 
     @property
     def returns_result(self) -> bool:
-        return inspect.signature(self.target).return_annotation not in NO_RESULT
+        return inspect.signature(self.target).return_annotation not in ("None", "int")
 
     @property
     def takes_runner(self) -> bool:
@@ -120,11 +115,13 @@ class Command:
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
         check_places(**places, names=[name])
+        # The progress bar of a single run names its method.
+        label, seconds = self.name.replace("-", " "), 0.0
+        if self.is_run:
+            run = scene.run
+            label, seconds = stem, (run.settle + run.duration) * run.realizations
         with contextlib.ExitStack() as opened:
-            with progress() as follow:
-                # The progress bar of a single run names its method.
-                label = stem if self.is_run else self.name.replace("-", " ")
-                report = follow(label, scene if self.is_run else None)
+            with progress(label, seconds) as report:
                 if "progress" in parameters:
                     values["progress"] = report
                 if self.takes_runner:

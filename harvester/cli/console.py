@@ -23,19 +23,21 @@ LONGEST_TOLD_SECONDS = 1e10
 
 
 @contextlib.contextmanager
-def progress() -> Iterator[Callable]:
-    """A function (label, scene) → callback for the share done; silent when quiet.
+def progress(
+    label: str, simulated_seconds: float = 0.0
+) -> Iterator[Callable[[float, str], object] | None]:
+    """A function of the share done and a few words, which draws a progress bar; None when quiet.
 
-    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
-    terminal there is no bar, but a line on what is left of a run that takes long.
+    With a simulated time the bar shows the rate of it instead of the words. Off a terminal there is
+    no bar, but a line on what is left of a run that takes long.
     """
     console = Console(stderr=True)
     if is_quiet():
-        yield lambda label, scene: None
+        yield None
         return
     if not console.is_terminal:
-        with contextlib.ExitStack() as opened:
-            yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
+        with contextlib.closing(_Lines(label)) as lines:
+            yield lines
         return
     bar = Progress(
         SpinnerColumn(),
@@ -47,26 +49,20 @@ def progress() -> Iterator[Callable]:
         console=console,
         transient=True,
     )
+    task = bar.add_task(label, total=1.0, rate="starting; the first run compiles")
+
+    def update(share, words=""):
+        elapsed = bar.tasks[task].elapsed or 1.0
+        rate = f"{share * simulated_seconds / elapsed:,.0f} s/s" if simulated_seconds else words
+        rate = rate if share else f"{words}: starting; the first run compiles"
+        bar.update(task, completed=share, rate=rate)
+
     # The delay begins now and not at the first report: compilation before it may take long.
     delayed_start = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
-
-    def follow(label, scene):
-        total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
-        task = bar.add_task(label, total=1.0, rate="starting; the first run compiles", start=True)
-        started = time.monotonic()
-
-        def update(share, words=""):
-            elapsed = time.monotonic() - started
-            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
-            rate = rate if share else f"{words}: starting; the first run compiles"
-            bar.update(task, completed=share, rate=rate)
-
-        return update
-
     delayed_start.daemon = True
     delayed_start.start()
     try:
-        yield follow
+        yield update
     finally:
         delayed_start.cancel()
         delayed_start.join()

@@ -64,6 +64,12 @@ def schema(file: File | None = None, /) -> None:
     ----------
     file : str or None
         A file for it (default: standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester schema scene.schema.json
     """
     from harvester.base.writing import write_text
     from harvester.scene.json_schema import json_schema
@@ -85,6 +91,12 @@ def new(
         A new .toml file; - for standard output.
     scene : str or None
         The built-in scene that is copied (default: cantilever).
+
+    Examples
+    --------
+    ::
+
+        harvester new beam.toml --from asymmetric
     """
     from harvester.base.writing import is_standard_output, write_text
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def study_runner(
-    progress: Callable[[float, str], object],
+    progress: Callable[[float, str], object] | None,
     output: str | os.PathLike | None,
     **running: Unpack[RunnerOptions],
 ) -> Iterator[Runner]:

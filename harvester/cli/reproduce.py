@@ -40,6 +40,12 @@ def reproduce(
     output : str or Path
         Folder for results, and for every finished piece: run the same command again to go on
         after a kill (default: results).
+
+    Examples
+    --------
+    ::
+
+        harvester reproduce fig6 fig9 --quick --output results
     """
     from harvester.cli.console import progress
     from harvester.scene.model import Scene
@@ -59,8 +65,8 @@ def reproduce(
 
     try:
         with (
-            progress() as follow,
-            study_runner(follow("figures", None), output, **running) as runner,
+            progress("figures") as report,
+            study_runner(report, output, **running) as runner,
         ):
             effort: Any = {"quick": quick, "precision": precision, "thorough": thorough}
             reproduce(scene, names, **effort, runner=runner, on_figure=keep)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from harvester.base.arguments import check_name as check_name
 from harvester.base.errors import HarvesterError, SimulationError
-from harvester.base.signatures import MethodOrName, Nodes, Processes, Seconds, Step, Window
+from harvester.base.signatures import Count, MethodOrName, Nodes, Seconds, Step, Window
 from harvester.engines.methods import DEFAULTS, Stationary, engine_of
 from harvester.engines.methods import check_step as check_step
 from harvester.scene.calling import takes_scene
@@ -34,7 +34,7 @@ def simulate(
     device: str = "automatic",
     copies: int | None = None,
     step: Step = "default",
-    workers: Processes | None = None,
+    workers: Count | None = None,
     time_limit: Seconds = TIME_LIMIT,
     keep_going: bool = False,
     stroboscope: bool = False,
@@ -122,6 +122,12 @@ def simulate(
     -----
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
+
+    Examples
+    --------
+    ::
+
+        harvester simulate paper --method circuit --set excitation.intensity=0.1 --json -
     """
     options = {
         "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,

@@ -250,15 +250,11 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
         unit = unit or (units.pop() if len(units) == 1 else "")
         suffix = f" [{unit}]" if unit and unit != "1" else ""
         names.append(f"{bare}{suffix}")
-        columns.append([_value(cell) for cell in cells])
+        columns.append([cell.value if isinstance(cell, Printed) else cell for cell in cells])
         if any(cell.error is not None for cell in printed):
             names.append(f"{bare} standard error{suffix}")
             columns.append([getattr(cell, "error", None) for cell in cells])
     return Table(names, [list(row) for row in zip(*columns, strict=True)])
-
-
-def _value(cell):
-    return cell.value if isinstance(cell, Printed) else cell
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

@@ -42,6 +42,12 @@ def verify(
     ----------------
     chosen : sequence of Truth or None
         Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
+
+    Examples
+    --------
+    ::
+
+        harvester verify --output results
     """
     from harvester.engines.opening import open_runner
     from harvester.validation.verify import verification
@@ -59,8 +65,6 @@ def stability(
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
     """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
-
-    Every engine and closure runs every case.
 
     Parameters
     ----------
@@ -82,6 +86,12 @@ def stability(
     ------
     HarvesterError
         The excitation is no noise.
+
+    Examples
+    --------
+    ::
+
+        harvester stability paper --output results
     """
     from harvester.engines.opening import open_runner
     from harvester.validation.stability import matrix_of
@@ -123,6 +133,12 @@ def accuracy(
         The excitation is no noise, or the reference itself failed.
     OutOfTime
         The time budget was spent before it was there.
+
+    Examples
+    --------
+    ::
+
+        harvester accuracy paper --output results
     """
     from harvester.engines.opening import open_runner
     from harvester.validation.accuracy import Accuracy

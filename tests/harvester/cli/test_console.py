@@ -63,8 +63,7 @@ def test_a_thread_says_it(monkeypatch, capsys):
     monkeypatch.setattr(console, "SAY_AFTER_SECONDS", 0.01)
     said = console.threading.Event()
     monkeypatch.setattr(console, "print", lambda *_, **__: said.set(), raising=False)
-    with console.progress() as follow:
-        follow("silent", None)
+    with console.progress("silent"):
         assert said.wait(30.0)
 
 
