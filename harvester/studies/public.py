@@ -6,6 +6,7 @@ inside, so that reading them needs no numba.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from harvester.base.arguments import check_name, listed, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
 from harvester.base.signatures import (
+    Count,
     Distributions,
     Faults,
     File,
@@ -27,7 +29,6 @@ from harvester.base.signatures import (
     MethodOrName,
     Methods,
     Over,
-    Processes,
     Quantities,
     Ranges,
     RunnerOptions,
@@ -63,7 +64,7 @@ def validate(
     scene: Scene,
     *,
     step: Step = "default",
-    workers: Processes | None = None,
+    workers: Count | None = None,
     time_limit: Seconds = TIME_LIMIT,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -93,14 +94,20 @@ def validate(
     Raises
     ------
     HarvesterError, SimulationError
+
+    Examples
+    --------
+    ::
+
+        harvester validate paper --output results --report paper.html
     """
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
-    from harvester.results.paired import paired_difference
     from harvester.scene.prepared import prepared
+    from harvester.statistics.paired import paired_difference
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
@@ -184,6 +191,12 @@ def frequency_response(
     The excitation is deterministic, so there is no statistical error. `FrequencySweep.residual`
     shows how far the motion is from a settled, periodic one. The error of the step, of second
     order in the circuit, shows when `step` is halved.
+
+    Examples
+    --------
+    ::
+
+        harvester frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down
     """
     import numpy as np
 
@@ -267,6 +280,12 @@ def spectrum(
     Raises
     ------
     SceneError, HarvesterError
+
+    Examples
+    --------
+    ::
+
+        harvester spectrum truck.csv --unit g --device device --breakpoints 12 --output truck
     """
     from harvester.scene.source import built_in_names
     from harvester.studies import spectrum as work
@@ -327,6 +346,13 @@ def sweep(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
+
+    Examples
+    --------
+    ::
+
+        harvester sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo
+            --method fokker_planck --quantity mean_square_voltage --output swept
     """
     from harvester.engines.opening import open_runner
     from harvester.engines.request import Request
@@ -409,6 +435,13 @@ def load_study(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
+
+    Examples
+    --------
+    ::
+
+        harvester load-study device --load bridge --load sece --sweep
+            load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study
     """
     from harvester.engines.opening import open_runner
     from harvester.studies.grid import make_grid
@@ -507,6 +540,13 @@ def sensitivity(
     Notes
     -----
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
+
+    Examples
+    --------
+    ::
+
+        harvester sensitivity paper --vary oscillator.cubic_stiffness=±10% --vary
+            stoppers.gap=normal:2% --above 0.001 --output tolerances
     """
     from harvester.engines.opening import open_runner
     from harvester.studies.answers import check_quantities, checked_method
@@ -606,6 +646,13 @@ def optimum(
     -----
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
+
+    Examples
+    --------
+    ::
+
+        harvester optimum device --maximise mean_power --over load.resistance=1e4:1e7 --over
+            oscillator.linear_stiffness=-100:-20
     """
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
@@ -655,9 +702,10 @@ def optimum(
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
-    with open_runner(**running) as runner:
+    with contextlib.ExitStack() as opened:
+        runner = opened.enter_context(open_runner(**running))
         if progress:
-            runner.report_to(stages)
+            opened.enter_context(runner.reporting_to(stages))
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:

@@ -16,9 +16,9 @@ import numpy as np
 
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines.request import Answer
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Density
+from harvester.statistics.paired import paired_difference
 from harvester.validation import entries
 from harvester.validation.orbit_maps import orbit_voltages
 from harvester.validation.paper_figures import KEY_SYMBOLS, SYMBOL_KEYS, Changes, name_of

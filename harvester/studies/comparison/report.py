@@ -148,13 +148,15 @@ def draw_comparison(comparison: Any) -> Figure:
 def _draw_densities(axes, comparison, name):
     # Thin lines over thick ones show both where they coincide.
     thick, thin = WIDTHS
-    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo", thick)
-    draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    style = {"colour": MONTE_CARLO, "width": thick}
+    draw_density(axes, comparison.monte_carlo, name, "Monte Carlo", **style)
+    draw_density(axes, comparison.circuit, name, "circuit", colour=CIRCUIT, line="--")
     # Closures are drawn above the simulations, whose bands are broad where they are noisy.
     for closure, result in comparison.closures.items():
-        colour, style = LINES[closure]
+        colour, line = LINES[closure]
         if name in result.densities:
-            draw_density(axes, result, name, colour, style, f"averaging, {closure}", thin)
+            style = {"colour": colour, "line": line, "width": thin}
+            draw_density(axes, result, name, f"averaging, {closure}", **style)
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)

@@ -72,6 +72,13 @@ def basins(
     -----
     Starts have the given displacement and velocity at the beginning of a period, an empty
     transducer, and a load's stores as its netlist begins.
+
+    Examples
+    --------
+    ::
+
+        harvester basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}'
+            --points 60 --output basins
     """
     import numpy as np
 
@@ -151,6 +158,13 @@ def bifurcation(
     Notes
     -----
     Each value begins where the one before it ended, the first one at the scene's start.
+
+    Examples
+    --------
+    ::
+
+        harvester bifurcation device --set 'excitation={kind="sine", amplitude=6.0,
+            frequency=8.0}' --over excitation.amplitude --values 1:12:linear:100
     """
     import numpy as np
 
@@ -231,6 +245,13 @@ def residence(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
+
+    Examples
+    --------
+    ::
+
+        harvester residence duffing --over excitation.intensity --values 0.02:0.06:log:5
+            --precision 0.05
     """
     from harvester.engines.opening import open_runner
     from harvester.studies.orbits import residence as work
