@@ -437,8 +437,11 @@ def _draw(result):
     section, power = [], []
     top = max(np.nanmax(branch.mean_power, initial=0.0) for branch in result.branches)
     factor, unit = prefixed(top, result.unit("power"))
+    # Many values make a picture of fine points, few need visible ones.
+    largest = min(max(1.0, MOST_VALUES_SHOWN / result.values.size), 4.0)
     for branch in result.branches:
-        colour, size = COLOURS[branch.direction], 1.0 if branch.direction == "up" else 0.6
+        size = largest * (1.0 if branch.direction == "up" else 0.6)
+        colour = COLOURS[branch.direction]
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
         y = factor * branch.mean_power
