@@ -1,3 +1,4 @@
+import functools
 import itertools
 import json
 import math
@@ -16,7 +17,7 @@ from harvester.results.page import all_facts, table_in_pages
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
-from harvester.validation import MEANS
+from harvester.validation import MEANS, public
 from harvester.validation import stability as module
 from harvester.validation.formulas import rebound_speed
 from harvester.validation.public import stability
@@ -221,7 +222,8 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
     wrong = StabilityMatrix(Scene.read("paper"), [row], 1.0)
-    monkeypatch.setattr("harvester.validation.public.stability", lambda scene, **_: wrong)
+    stub = functools.wraps(public.stability)(lambda scene, **_: wrong)
+    monkeypatch.setattr(public, "stability", stub)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
 
