@@ -144,16 +144,19 @@ def simulate(
 
     engine = engine_of(method, **options)
     engine.check(scene)
-    stretch = spread.stretch_of(scene, window, nodes)
-    follow = spread.Follower(scene, engine.name, progress) if progress else None
+    prepared_scene = prepared(scene)
+    stretch = spread.stretch_of(prepared_scene, window, nodes)
+    follow = spread.Follower(prepared_scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
-            several, prepared_scene = several_starts(scene), prepared(scene)
+            several = several_starts(prepared_scene)
             strobe = stroboscope or several
-            together = spread.optimal_batch_size(scene, engine, pool)
-            calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
+            together = spread.optimal_batch_size(prepared_scene, engine, pool)
+            calls = spread.calls_of(
+                prepared_scene, engine, together, stretch, joint_density, strobe
+            )
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
@@ -166,11 +169,11 @@ def simulate(
             good = {k: o for k, o in enumerate(outcomes) if not isinstance(o, SimulationError)}
             motions: tuple[Attractor, ...] = ()
             if several:
-                motions = attractors(scene, engine, good, len(lost), pool, time_limit)
+                motions = attractors(prepared_scene, engine, good, len(lost), pool, time_limit)
     except SimulationError as error:
-        error.partial = outcome.partial_result(scene, engine, error)
+        error.partial = outcome.partial_result(prepared_scene, engine, error)
         raise
-    result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
+    result = outcome.result_of(prepared_scene, engine, [*good.values()], failures, motions=motions)
     return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
 
 

@@ -121,7 +121,7 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
 
 def orbits_at(scene: Scene, method: Method, runner: Any) -> tuple:
     """The orbits that drawn starts reach; empty under noise or of a linear device."""
-    if not isinstance(method, Engine) or not note_on_one_start(scene):
+    if not isinstance(method, Engine) or not note_on_one_start(prepared(scene)):
         return ()
     if scene.run.starts is None:
         scene = replace(scene, run=replace(scene.run, starts=STARTS))

@@ -172,8 +172,8 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    scene, moments, orbits, on_orbits = followed(scene, good, cost)
-    run = run_estimates(prepared(scene), moments, cost)
+    ready, moments, orbits, on_orbits = followed(prepared(scene), good, cost)
+    scene, run = ready.scene, run_estimates(ready, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
     series = power_series(run.moments, scales.power)
@@ -217,7 +217,9 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
     """
     if not good:
         return None
-    series = power_series(followed(scene, good, 0.0).moments, prepared(scene).scales.power)
+    series = power_series(
+        followed(prepared(scene), good, 0.0).moments, prepared(scene).scales.power
+    )
     return series if scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 
