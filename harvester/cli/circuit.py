@@ -109,25 +109,6 @@ def export(
         say(f"written: {path}")
 
 
-def formats(*, prefix: str = "") -> None:
-    """List the formats of `harvester export`.
-
-    Parameters
-    ----------
-    prefix : str
-        Only those that begin with it.
-
-    Examples
-    --------
-    ::
-
-        harvester formats --prefix v
-    """
-    from harvester.interop.formats import FORMATS
-
-    print(*(name for name in FORMATS if name.startswith(prefix)), sep="\n")
-
-
 def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
     """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
 

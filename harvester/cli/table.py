@@ -88,7 +88,6 @@ GROUPS = {
         Command("harvester.cli.circuit:load"),
         Command("harvester.cli.circuit:netlist"),
         Command("harvester.cli.circuit:export"),
-        Command("harvester.cli.circuit:formats"),
         Command("harvester.cli.cite:cite"),
         Command("harvester.cli.circuit:engine"),
         Command("harvester.cli.completion:completion"),
