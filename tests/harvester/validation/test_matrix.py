@@ -221,7 +221,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
     wrong = StabilityMatrix(Scene.read("paper"), [row], 1.0)
-    monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
+    monkeypatch.setattr(module, "matrix_of", lambda *_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
 
