@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, STORE, SUPPLY
 from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
@@ -68,7 +68,9 @@ RATIOS = {
 
 
 def estimate_output(
-    moments: Sequence[Any], error_of: Callable = standard_error
+    moments: Sequence[Any],
+    error_of: Callable = standard_error,
+    error_of_change: Callable | None = None,
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
@@ -77,8 +79,10 @@ def estimate_output(
     where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
     power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
-    `estimate_measures` are included.
+    `estimate_measures` are included. `error_of_change` is for the rates at which stores fill, by
+    default `error_of`.
     """
+    error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
         return {}
@@ -112,10 +116,14 @@ def estimate_output(
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    estimates["stored_energy_per_hour"] = _per_hour(
-        estimates["mean_storage_power"], output_ratio(moments, "mean_storage_power")[0], time
-    )
-    return estimates | estimate_measures(moments, error_of)
+    stored, _ = output_ratio(moments, "mean_storage_power")
+    storage = estimates["mean_storage_power"]
+    # Another hour has another path, unlike the measured time.
+    estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
+    if storage.note != ROUNDED_OFF:
+        storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
+    estimates["mean_storage_power"] = storage
+    return estimates | estimate_measures(moments, error_of, error_of_change)
 
 
 def _least_resolved(name, moments, output):
@@ -151,8 +159,8 @@ def _per_hour(storage, stored, time):
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
-            f"stores charge unevenly: their power changes by {change:.0%} between the halves of "
-            f"the measured {length:.3g} s, so that an hour is not like these"
+            f"stores charge unevenly: their power changes by {change:.0%} of the larger between "
+            f"the halves of the measured {length:.3g} s, so that an hour is not like these"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
     return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
@@ -199,6 +207,7 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     return {
         "mean_output_power": output,
         "mean_storage_power": max(given, output),
+        **{f"{m.name}_storage_power": max(given, output) for m in measures if m.kind == STORE},
         "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
         "mean_converter_loss": math.hypot(given, harvested),
         "converter_efficiency": harvested / given if given else 0.0,
