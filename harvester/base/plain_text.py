@@ -120,9 +120,13 @@ def nearest(word: object, known: Iterable[str]) -> str:
 
     >>> nearest("resistanze", ["resistance", "decay_rate"])
     ' (did you mean resistance?)'
+    >>> nearest("mass", ["oscillator.damping", "oscillator.mass"])
+    ' (did you mean oscillator.mass?)'
     """
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
     near = [candidate for candidate in known if len(candidate) <= 2 * LONGEST_MISSPELT]
-    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
+    # A key without its table: "rnode" for load.parameters.rnode.
+    close = [candidate for candidate in near if candidate.endswith(f".{word}")]
+    close += difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
     return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

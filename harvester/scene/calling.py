@@ -78,7 +78,9 @@ def takes_scene(
         for option in options:
             if option not in accepted:
                 names = [*accepted][1:]
-                hint = nearest(option, names) or f"; there are {', '.join(names)}"
+                same = [n for n in names if accepted[n].kind.option == option]
+                hint = f" (did you mean {same[0]}?)" if same else nearest(option, names)
+                hint = hint or f"; there are {', '.join(names)}"
                 raise UnknownOption(f"{name}: no option {option}{hint}")
         with (
             usual_arithmetic(),

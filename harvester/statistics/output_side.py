@@ -20,6 +20,7 @@ from harvester.statistics.batch_means import (
     standard_error,
 )
 from harvester.statistics.estimate import (
+    NO_OUTPUT,
     NOT_STARTED,
     NOTHING_PUT_IN,
     RESOLVED_SHARE,
@@ -105,6 +106,8 @@ def estimate_output(
         estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
         if name != "output_voltage":
             estimate = _resolved(estimate, *energies, _least_resolved(name, moments, output))
+        if name == "mean_output_power" and not (energies[0].any() or _takes(moments)):
+            estimate = Estimate(0.0, None, None, "power", NO_OUTPUT)
         estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
@@ -124,6 +127,12 @@ def estimate_output(
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
     estimates["mean_storage_power"] = storage
     return estimates | estimate_measures(moments, error_of, error_of_change)
+
+
+def _takes(moments):
+    """Whether a load has a resistor across its output, or a measure of it."""
+    output = moments[0].output
+    return output.conductance > 0.0 or any(kind == OUTPUT for kind, _ in output.rows)
 
 
 def _least_resolved(name, moments, output):

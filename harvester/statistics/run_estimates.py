@@ -13,7 +13,7 @@ import numpy as np
 from circuits.netlist.kinds import OUTPUT
 from circuits.netlist.load_notes import reading_notes
 from harvester.base.errors import SceneError
-from harvester.base.formatting import quantity
+from harvester.base.formatting import number, quantity
 from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
 from harvester.scene.steps import faintness, susceptance
@@ -74,6 +74,8 @@ CHAOTIC = (
     "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
     "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
 )
+# Of a record this many times as long no error bar is promised: a store that charges looks like it.
+LONGEST_ADVICE = 16.0
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
 # Most notes on options of ngspice, which may differ from realization to realization.
@@ -217,9 +219,11 @@ def _with_lengths(scene, moments, whole, memory):
         duration = FEWEST_PERIODS * period
     if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
         return whole
-    note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    note = f"too short for an error bar: set run.duration = {number(duration, 2)} or more"
     if scene.excitation.kind == "record" and not period:
-        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
+        note = f"too short for an error bar: a record of {number(duration, 2)} s or more has one"
+        if duration > LONGEST_ADVICE * scene.run.duration:
+            note = "too short for an error bar: it changes slowly over the whole measured time"
     return {
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
         for name, estimate in whole.items()

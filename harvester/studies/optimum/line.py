@@ -235,8 +235,8 @@ class Search:
                 answers,
                 f"is the same within its errors from {self.axis.value(centre - half):.4g} to "
                 f"{self.axis.value(centre + half):.4g} by {self.method.name}: any value there is "
-                "as good as far as these runs tell; longer runs tell more, or choose another range "
-                "or parameter",
+                "as good as far as these runs tell; longer runs, or a longer record, tell more; or "
+                "choose another range or parameter",
             )
         side = math.copysign(1.0, fit.slope)
         if not half < centre + side * 1e-9 < 1.0 - half:
