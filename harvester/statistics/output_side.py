@@ -101,11 +101,14 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
+    energies_of = output_ratios(moments)
     for name, dimension in RATIOS.items():
-        energies = output_ratio(moments, name)
+        energies = energies_of[name]
         estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
         if name != "output_voltage":
-            estimate = _resolved(estimate, *energies, _least_resolved(name, moments, output))
+            estimate = _resolved(
+                estimate, *energies, _least_resolved(name, moments, output, energies_of)
+            )
         if name == "mean_output_power" and not (energies[0].any() or _takes(moments)):
             estimate = Estimate(0.0, None, None, "power", NO_OUTPUT)
         estimates[name] = estimate
@@ -119,7 +122,7 @@ def estimate_output(
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    stored, _ = output_ratio(moments, "mean_storage_power")
+    stored, _ = energies_of["mean_storage_power"]
     storage = estimates["mean_storage_power"]
     # Another hour has another path, unlike the measured time.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
@@ -135,10 +138,10 @@ def _takes(moments):
     return output.conductance > 0.0 or any(kind == OUTPUT for kind, _ in output.rows)
 
 
-def _least_resolved(name, moments, output):
+def _least_resolved(name, moments, output, energies_of):
     """The energy below which a difference, or what is left of the load's energy, is rounding."""
     used, stored = _used_and_stored(moments, output)
-    given = abs(float(output_ratio(moments, "converter_efficiency")[1].sum()))
+    given = abs(float(energies_of["converter_efficiency"][1].sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *supplied(moments).values()))
     if name in ("mean_storage_power", "mean_converter_loss"):
         exchanged += given
@@ -226,8 +229,8 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     }
 
 
-def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
+def output_ratios(moments: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Numerator and denominator of each of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")
@@ -244,7 +247,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
         "converter_efficiency": (harvested, load),
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
-    }[name]
+    }
 
 
 def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:

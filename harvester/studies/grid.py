@@ -12,12 +12,11 @@ from circuits.netlist.subcircuits import UnknownParameter
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest, shown
-from harvester.device.keys import every_key
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.scene.tables import all_tables
+from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -146,7 +145,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
     number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *own))]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
-    if not listed and not (any_key and key in _every_key()):
+    if not listed and not (any_key and key in all_keys()):
         raise HarvesterError(
             f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
             f"{', '.join(number_keys)}"
@@ -179,12 +178,6 @@ def _check_shared(where, key, value, loaded):
             f"and not {', '.join(lacks)}: give it the same name in all these netlists, or study "
             "the loads separately"
         )
-
-
-def _every_key():
-    """All keys that a scene may hold, whatever its tables."""
-    tables = all_tables().items()
-    return {f"{name}.{key}" for name, classes in tables for key in every_key(classes)}
 
 
 def _at(scene, values):
