@@ -60,7 +60,7 @@ def number(text: str, unit: str | None = None) -> float:
             **dict.fromkeys(("", "1"), f"{value:g}, without the unit g"),
         }
         both = f"{readings['m/s²']}, {readings['kg']}"
-        raise NotANumber(f"write {readings.get(unit, both)}")
+        raise NotANumber(f"write {both if unit is None else readings.get(unit, both)}")
     for unit in UNITS if power is None else ():
         prefix = suffix.removesuffix(unit)
         if prefix != suffix and prefix in POWERS:
