@@ -24,11 +24,10 @@ import matplotlib.pyplot as plt
 
 import harvester
 from circuits.equivalent.assembly import assemble
-from harvester.results import figures
 from harvester.scene.prepared import prepared
 from harvester.studies.comparison.comparison import COMPARED
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## The scene

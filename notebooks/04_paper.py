@@ -25,13 +25,12 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.results import figures
 from harvester.validation.claims import METHODS, claims
 from harvester.validation.paper_drawing import draw
 from harvester.validation.reproduce import reproduce
 from harvester.validation.statements import CLAIMS, JUMPING
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 scene = harvester.Scene.read("paper")
 
 # %% [markdown]
