@@ -6,6 +6,8 @@ or to a netlist is the same path on the site as in the repository.
 
 import html
 import re
+import tomllib
+from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math import MathError
@@ -17,6 +19,7 @@ from harvester.cli.table import COMMANDS, app_of
 from harvester.device.beam.materials import ACTIVE, PASSIVE
 
 LOGGER = logging.getLogger(__name__)
+EXAMPLES = Path(__file__).parent / "examples.toml"
 
 project = "harvester"
 author = "the authors of harvester"
@@ -62,6 +65,12 @@ html_theme = "furo"
 # The site's root leads to its first page.
 html_additional_pages = {"index": "root.html"}
 templates_path = ["templates"]
+autosummary_context = {
+    "examples": {
+        name: f"import harvester\n{code}"
+        for name, code in tomllib.loads(EXAMPLES.read_text("utf-8")).items()
+    }
+}
 html_title = f"harvester {version}"
 html_show_copyright = False
 # Formulas are MathML: not every machine has a font for them, so that the site brings one.

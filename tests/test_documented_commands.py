@@ -11,6 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ PAGES = [
 QUICK = ("cite", "editor")
 # A kill after this (s) ends a command that hangs.
 HANGS = 1800.0
+EXAMPLES = tomllib.loads((DOCS / "examples.toml").read_text(encoding="utf-8"))
 BLOCK = re.compile(
     r"^(<!-- not run: .+ -->\n)?```(\w+)\n(.*?)^```\n(.*?)(?=^(?:<!--|```)|^#|\Z)", re.M | re.S
 )
@@ -94,3 +96,9 @@ def test_a_page_runs_from_an_empty_folder_and_gives_its_numbers(page, tmp_path):
                     if unit in ("", other_unit)
                 ]
                 assert any(near), (page.name, value, error, unit, computed)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_example_of_a_public_name_runs(name, tmp_path):
+    run("python", f"import harvester\n{EXAMPLES[name]}", tmp_path)
