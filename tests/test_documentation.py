@@ -174,7 +174,7 @@ def test_keys_in_fragments_of_scenes_exist(page):
 
 def test_the_reference_lists_every_function_of_expressions():
     text = (DOCS / "reference" / "netlists.md").read_text(encoding="utf-8")
-    listed = text.partition("## Functions\n")[2].partition(". Their meaning")[0]
+    listed = text.partition("## Functions\n")[2].partition("Their meaning")[0]
     assert sorted(re.findall(r"`(\w+)`", listed)) == sorted(FUNCTIONS)
 
 
