@@ -375,9 +375,9 @@ def test_an_open_runner_reports_each_task_of_an_optimum(pool):
     shares = []
     with open_runner(executor=pool) as runner:
         optimum(
-            LINEAR,
-            {"load.decay_rate": (0.1, 10.0)},
-            method="monte-carlo",
+            LINEAR.replace({"run.duration": 300.0}),
+            {"load.decay_rate": (0.1, 10.0), "piezo.coupling": (0.5, 1.0)},
+            evaluations=24,
             runner=runner,
             progress=lambda share, words: shares.append(share),
         )

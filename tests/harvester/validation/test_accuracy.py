@@ -206,7 +206,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
 @pytest.mark.usefixtures("every_closure")
 def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, tmp_path):
     """Circuit and Monte Carlo come nearer to them with shorter steps, with second order."""
-    sets = ["run.realizations=2", "run.duration=1", "run.settle=0.2", "load.netlist=bridge"]
+    sets = ["run.realizations=2", "run.duration=0.4", "run.settle=0.1", "load.netlist=bridge"]
     scene = Scene.read("device", [*sets, "load.parameters.storage=100n"])
     families = ("external source, trapezoidal", "Monte Carlo, TR-BDF2")
     methods = [each for each in LOAD_METHODS if each.family in families]
