@@ -8,6 +8,7 @@ cannot run has a comment `<!-- not run: REASON -->` above it and is only parsed
 import math
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+
+from harvester.cli.command_line import main
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -51,21 +54,25 @@ def numbers(text):
     return estimates
 
 
-def run(language, code, folder):
-    """Standard output of a block in a folder."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    command = {"sh": ["bash", "-e"], "python": ["python", "-"]}[language]
-    done = subprocess.run(
-        command,
-        input=code,
-        cwd=folder,
-        env={**os.environ, "PATH": path, "MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-        timeout=HANGS,
-    )
-    assert done.returncode == 0, (code, done.stdout[-2000:], done.stderr[-2000:])
-    return done.stdout
+def run(language, code, capfd):
+    """Standard output of a block, run in the working folder.
+
+    The commands of `harvester` run in this process, on the workers of the session.
+    """
+    capfd.readouterr()
+    if language == "python":
+        exec(code, {"__name__": "__main__"})
+        return capfd.readouterr().out
+    for line in code.replace("\\\n", " ").splitlines():
+        if line.startswith("harvester "):
+            words = shlex.split(line, comments=True)[1:]
+            assert main(words) == 0, (line, capfd.readouterr().err)
+        else:
+            path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+            subprocess.run(
+                ["bash", "-c", line], env={**os.environ, "PATH": path}, check=True, timeout=HANGS
+            )
+    return capfd.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -76,9 +83,12 @@ def run(language, code, folder):
     ],
     ids=lambda page: page.stem,
 )
-def test_a_page_runs_from_an_empty_folder_and_gives_its_numbers(page, tmp_path):
+@pytest.mark.filterwarnings("default")
+@pytest.mark.usefixtures("shared_workers")
+def test_a_page_runs_from_an_empty_folder_and_gives_its_numbers(page, tmp_path, monkeypatch, capfd):
     """Numbers agree within three joint errors. By chance one number in 370 does not."""
     text = page.read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
     for name in re.findall(r"\]\((files/[\w.]+)\)", text):
         shutil.copy(page.parent / name, tmp_path)
     for block in BLOCK.finditer(text):
@@ -88,7 +98,7 @@ def test_a_page_runs_from_an_empty_folder_and_gives_its_numbers(page, tmp_path):
             (tmp_path / saved[1]).parent.mkdir(exist_ok=True)
             (tmp_path / saved[1]).write_text(code, encoding="utf-8")
         elif not not_run and language in ("sh", "python"):
-            computed = numbers(run(language, code, tmp_path))
+            computed = numbers(run(language, code, capfd))
             for value, error, unit in numbers(after):
                 near = [
                     abs(value - other) <= 3.0 * math.hypot(error, other_error)
@@ -100,5 +110,7 @@ def test_a_page_runs_from_an_empty_folder_and_gives_its_numbers(page, tmp_path):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_example_of_a_public_name_runs(name, tmp_path):
-    run("python", f"import harvester\n{EXAMPLES[name]}", tmp_path)
+@pytest.mark.usefixtures("shared_workers")
+def test_the_example_of_a_public_name_runs(name, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    run("python", f"import harvester\n{EXAMPLES[name]}", capfd)
