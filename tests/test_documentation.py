@@ -120,6 +120,13 @@ def test_every_page_is_on_the_site():
     assert {line for line in listed if not line.startswith(":")} >= pages | notebooks
 
 
+def test_the_gallery_shows_every_notebook():
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    names = [path.name for path in sorted((ROOT / "notebooks").glob("*.py"))]
+    pictures = re.findall(r"\[!\[.+?\]\((\S+)\)\]\(../notebooks/(\S+)\)", text)
+    assert pictures == [(f"thumbnails/{name[:2]}.png", name) for name in names]
+
+
 def test_the_readme_keeps_its_two_commands():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert re.findall(r"^make \w+", text, re.MULTILINE) == ["make run", "make test"]
