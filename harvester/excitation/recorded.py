@@ -56,7 +56,7 @@ SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 @table
 class RecordedMotion(Excitation):
-    """Base acceleration from a file (docs/excitations.md lists its kinds), linear between samples.
+    """Base acceleration from a file, linear between samples; docs/reference/files.md lists kinds.
 
     η is minus the base acceleration, as it acts on the displacement relative to the base; in a
     scaled scene (`unit = "scaled"`) the column is η itself.

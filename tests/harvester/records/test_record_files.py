@@ -1,4 +1,4 @@
-"""Every row of the tables of docs/excitations.md: files as loggers write them, one known motion."""
+"""Every row of the tables of docs/reference/files.md: files of loggers with one known motion."""
 
 import csv
 import importlib
@@ -594,7 +594,7 @@ def test_a_device_at_rest_that_nothing_drives_is_balanced():
 
 
 def test_the_page_lists_every_kind():
-    page = Path(__file__).parents[3] / "docs" / "excitations.md"
+    page = Path(__file__).parents[3] / "docs" / "reference" / "files.md"
     text = page.read_text(encoding="utf-8")
     for word in (*ACCELERATION, *QUANTITIES["time"], ".lvm", ".mat", ".h5", ".tdms", ".IDE"):
         assert f"`{word}`" in text, word
