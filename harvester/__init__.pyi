@@ -20,7 +20,7 @@ from harvester.studies.public import spectrum as spectrum
 from harvester.studies.public import sweep as sweep
 from harvester.engines.opening import open_runner as open_runner
 from harvester.studies.public import load_study as load_study
-from harvester.studies.loads.study import save as save
+from harvester.results.files import save as save
 from harvester.studies.public import optimum as optimum
 from harvester.studies.public import sensitivity as sensitivity
 from harvester.identification.identify import identify as identify

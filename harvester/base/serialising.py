@@ -37,8 +37,12 @@ def key(name: str) -> dict[str, str]:
 
 
 def fields_of(instance: Any) -> dict[str, Any]:
-    """The fields of a dataclass by their keys, each as a plain value."""
+    """The fields of a dataclass by their keys, each as a plain value.
+
+    `IN_JSON` of a class: further keys, with the names of their properties.
+    """
     names = {f.metadata.get(_KEY, f.name): f.name for f in dataclasses.fields(instance)}
+    names |= getattr(instance, "IN_JSON", {})
     return {
         name: plain(getattr(instance, field)) for name, field in names.items() if name is not None
     }

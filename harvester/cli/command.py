@@ -6,14 +6,14 @@ import contextlib
 import inspect
 import pkgutil
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
 from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
-from harvester.cli.output import check_places, result_files, show, study_runner, write_result
+from harvester.cli.output import check_places, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
@@ -42,9 +42,6 @@ class Command:
     is_run : bool
         Whether it is one run of an engine: --waveform writes the result's `waveform`, and the
         progress bar shows the rate of the simulated time.
-    files : tuple of str
-        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
-        folder gets JSON, figure and tables.
     running : callable or None
         Function of the options that gives the runner's settings where the user leaves it out.
     """
@@ -54,7 +51,6 @@ class Command:
     stem: str = ""
     failed: Callable[[Any], bool] | None = None
     is_run: bool = False
-    files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
     @property
@@ -79,8 +75,7 @@ class Command:
         """The command's options, each with its help."""
         yield from options_shown(self.target)
         if self.returns_result:
-            if not self.files:
-                yield Option.of("json", File), "Write JSON; - for standard output."
+            yield Option.of("json", File), "Write JSON; - for standard output."
             if not self.takes_runner:
                 yield Option.of("output", Folder), "Folder for JSON and figure."
             if self.is_run:
@@ -108,7 +103,6 @@ class Command:
 
     def run(self, values: dict[str, Any]) -> int | None:
         """Carry the command out; returns the exit code, or None for 0."""
-        from harvester.base.tables import require_xarray
         from harvester.cli.console import progress
 
         scene = self._scene(values)
@@ -120,10 +114,7 @@ class Command:
         defaults = {name: option.default for name, option in parameters.items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        check_places(**places, files=self.files or result_files(name))
-        if places["output"] and any(file.endswith(".nc") for file in self.files):
-            # Raised now rather than after a long run: the library of these files is missing.
-            require_xarray()
+        check_places(**places, names=[name])
         # The progress bar of a single run names its method.
         label, seconds = self.name.replace("-", " "), 0.0
         if self.is_run and scene:
@@ -139,7 +130,7 @@ class Command:
                     opening = study_runner(**running, progress=report)
                     values["runner"] = opened.enter_context(opening)
                 result = self._computed(scene, values, places["json"])
-            self._deliver(result, name, values.get("runner"), **places)
+            self._deliver(result, name, **places)
         return 1 if self.failed and self.failed(result) else 0
 
     def _scene(self, values: dict[str, Any]) -> Scene | None:
@@ -178,21 +169,19 @@ class Command:
                 write_result(json, None, "", error.partial)
             raise
 
-    def _deliver(self, result, name, runner, json, output, report, waveform):
+    def _deliver(self, result, name, json, output, report, waveform):
         title = self.title(result) if callable(self.title) else self.title
         title = title or self.name.replace("-", " ")
         show(result, title, json)
         try:
-            if not self.files:
-                write_result(json, output, name, result)
-            elif output:
-                result.save(runner.folder)
-                say(f"written to {output}: {', '.join(self.files)}")
+            write_result(json, output, name, result)
         finally:
             if waveform and result.waveform is None:
                 say(f"{waveform}: not written, as the first realization failed")
             elif waveform:
-                result.waveform.save(waveform)
+                from harvester.results.files import save
+
+                save(result.waveform, waveform)
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.base.writing import write_text

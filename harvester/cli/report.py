@@ -21,12 +21,10 @@ def page_of(result: ResultBase, title: str) -> str:
     if view.page:
         return view.page()
     scene = result.scene
-    waveform = getattr(result, "waveform", None)
-    pictures = [*view.pictures, *(waveform.view().pictures if waveform else ())]
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
-        "Figures": "\n".join(filter(None, (picture.html(title) for picture in pictures))),
+        "Figures": "\n".join(filter(None, (picture.html(title) for picture in view.pictures))),
         "How it came about": all_facts(view.findings),
     }
     about = ""

@@ -9,7 +9,6 @@ from collections.abc import Collection
 from cyclopts import App, Group
 
 from harvester.cli.command import Command
-from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
@@ -54,7 +53,6 @@ GROUPS = {
         Command(
             "harvester:load_study",
             failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
-            files=LOAD_STUDY_FILES,
             running=_budget,
         ),
         Command("harvester:optimum", title=lambda result: f"optimum over {', '.join(result.keys)}"),
@@ -84,7 +82,7 @@ GROUPS = {
             "harvester:sweep",
             failed=lambda swept: not any(cell.estimates for _, cell in swept.places()),
         ),
-        Command("harvester:sensitivity", files=SENSITIVITY_FILES),
+        Command("harvester:sensitivity"),
         Command("harvester.cli.circuit:load"),
         Command("harvester.cli.circuit:netlist"),
         Command("harvester.cli.circuit:export"),

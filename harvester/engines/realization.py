@@ -30,6 +30,7 @@ from harvester.statistics.moments import prepare as prepare_moments
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.range_watch import with_range_watch
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.strain_moments import StrainMoments, StrainWatch
 from harvester.statistics.strain_moments import prepare as prepare_strain
 from harvester.statistics.stroboscope import Stroboscope, strobe_times
@@ -459,6 +460,25 @@ def empty_moments(ready: Prepared) -> Moments:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
     moments.strain = StrainMoments.of(ready, batches)
     return moments
+
+
+def quantity_names(scene: Scene) -> tuple[str, ...]:
+    """Names of the quantities that an engine may give for a scene, without a run.
+
+    They are those of the estimates from moments that are filled with ones.
+    """
+    ready, load = prepared(scene), scene.load.circuit
+    moments = empty_moments(ready)
+    if load:
+        moments.output = OutputMoments.beside(moments, load.recorded, load.has_output)
+        moments.output.stored[:] = 1.0
+    moments.integrals[:], moments.products[:] = moments.batch_length, 1.0
+    moments.first[:], moments.last[:] = 0.0, 1.0
+    moments.last[0] = stop_time(ready)
+    with np.errstate(all="ignore"):
+        estimates = run_estimates(ready, [moments]).whole
+    # Given where the device stores energy from the run's beginning to its end.
+    return tuple(estimates | {"mean_device_storage_power": None})
 
 
 def _period(scene):

@@ -30,6 +30,7 @@ from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
 from harvester.results.view import Picture, ResultBase, View
 from harvester.results.waveform import Waveform
+from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
@@ -280,7 +281,11 @@ class Result(ResultBase):
             self._table(),
             self._findings(),
             headline=headline(self),
-            pictures=[Picture(draw_result, self), Picture(joint_drawing.draw, [self], "joint")],
+            pictures=[
+                Picture(draw_result, self),
+                Picture(joint_drawing.draw, [self], "joint"),
+                *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
+            ],
             records=self._records,
             dataset=self._dataset,
             texts=lambda: {"-densities.csv": self.density_table()},

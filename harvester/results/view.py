@@ -63,12 +63,13 @@ class Picture:
         """The figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
-    def html(self, title: str) -> str:
-        """The figure as HTML; empty if there is nothing to draw."""
+    def html(self, alternative: str = "", caption: str = "") -> str:
+        """The figure within a page; empty if there is nothing to draw."""
         from harvester.results.page import figure_of
 
         figure = self.figure()
-        return "" if figure is None else figure_of(figures.image(figure), title, "")
+        alternative = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,7 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *(picture.html(picture.name or "figure") for picture in view.pictures),
+            *(picture.html() for picture in view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)

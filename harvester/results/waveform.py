@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.errors import HarvesterError, UnknownQuantity
+from harvester.base.errors import UnknownQuantity
 from harvester.base.formatting import prefixed, quantity
 from harvester.base.plain_text import named, nearest
-from harvester.base.tables import require_xarray, write_netcdf
+from harvester.base.tables import require_xarray
 from harvester.device.record import Record
-from harvester.results import figures
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from harvester.scene.model import Scene
     from harvester.scene.units import Scales
 
-PICTURES = (".png", ".svg", ".pdf")
-ENDINGS = (".csv", ".nc", *PICTURES)
 # Size of a panel, in inches.
 SIZE = 5.8, 1.3
 # Columns that differ by no more than this share of their size are drawn once, and a column that
@@ -105,7 +103,7 @@ class Waveform(ResultBase):
         return View(
             table=(["column", "smallest", "largest", "rms"], rows),
             findings=[f"{self.engine}: {self.said()}"],
-            pictures=[Picture(_draw, self)],
+            pictures=[Picture(draw, self)],
             records=self._records,
             dataset=self._dataset,
         )
@@ -125,34 +123,12 @@ class Waveform(ResultBase):
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def save(self, path: str | Path) -> None:
-        """Write it as CSV, NetCDF or a picture, as the path's ending says.
-
-        Raises HarvesterError for another ending, OutputError if it cannot be written.
-        """
-        check_ending(path)
-        ending = Path(path).suffix
-        if ending == ".csv":
-            self.to_csv(path)
-        elif ending == ".nc":
-            write_netcdf(path, self.to_xarray())
-        else:
-            figures.write(figures.drawn(_draw, self), path)
-
     def said(self) -> str:
         """Range of time, number of points and columns, in words."""
         if not self.time.size:
             return "no points"
         ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"
         return f"{ends} of {', '.join(self.columns)}"
-
-
-def check_ending(path: str | Path) -> None:
-    """Raise HarvesterError for a file that a waveform is not written into."""
-    if Path(path).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
-        )
 
 
 def waveform_of(
@@ -190,7 +166,7 @@ def _current(record: Record) -> np.ndarray:
     return np.interp(record.time, record.time[nonzero], currents)
 
 
-def _draw(waveform):
+def draw(waveform: Waveform) -> Figure:
     """Every column over time; the velocity is left out, which the displacement shows."""
     panels = []
     for words, name in _drawn_once(waveform).items():

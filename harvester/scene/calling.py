@@ -53,6 +53,16 @@ def _followed(
             yield {**options, "progress": bar}
 
 
+def _instead(option, names):
+    """The scene's key of that name, or the nearest option, else all options."""
+    from harvester.scene.tables import all_keys
+
+    for key in all_keys():
+        if key.partition(".")[2] == option:
+            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+    return nearest(option, names) or f"; there are {', '.join(names)}"
+
+
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
     """Check the options of a public function, and show its progress in a notebook.
 
@@ -74,8 +84,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         for option in options:
             if option not in accepted:
                 names = [item for item in accepted if item != "scene"]
-                hint = nearest(option, names) or f"; there are {', '.join(names)}"
-                raise UnknownOption(f"{name}: no option {option}{hint}")
+                raise UnknownOption(f"{name}: no option {option}{_instead(option, names)}")
         with (
             usual_arithmetic(),
             named_as_called(function),

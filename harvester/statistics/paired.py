@@ -11,9 +11,9 @@ from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.statistics.estimate import Estimate, why_no_error
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.output_side import RATIOS, output_ratio
+from harvester.statistics.output_side import RATIOS, output_ratios
 from harvester.statistics.run_quantities import MEANS
-from harvester.statistics.well_balance import WellBalance, weighted, well_balance
+from harvester.statistics.well_balance import weighted, well_balance
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
@@ -86,8 +86,7 @@ def _error(ratio, pairs, balances):
         if balance is not None and balance.error(share) is None:
             return None
         parts.append(share if balance is None else balance.parts(share))
-    error = WellBalance.error_of_parts if any(balances) else standard_error
-    return _times(error(parts[0] - parts[1]), ratio)
+    return _times(standard_error(parts[0] - parts[1]), ratio)
 
 
 def _times(error, ratio):
@@ -113,7 +112,7 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
 def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
     """The sums over batches that a quantity is the ratio of; see `deviations`."""
     if name in RATIOS:
-        return output_ratio(moments, name)
+        return output_ratios(moments)[name]
     return _of_batches(complete_batches(moments), name)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.base.errors import SceneError
+from harvester.base.formatting import NOT_KNOWN
 from harvester.base.serialising import plain
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
@@ -96,7 +97,7 @@ class StabilityMatrix(ResultBase):
         return [
             row.case.title,
             *(row.cells[method].text() for method in self.methods),
-            " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
+            " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
             f"{sum(answer.seconds for answer in answers if answer):.1f}",
         ]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.base.errors import MissingLibrary
 from harvester.base.symbols import definitions
-from harvester.results import figures, joint_drawing
+from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
 from harvester.results.excitation_drawing import draw_spectrum
 from harvester.results.page import (
@@ -27,6 +27,7 @@ from harvester.results.page import (
 )
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
+from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
 from harvester.scene.prepared import prepared
 
@@ -86,7 +87,7 @@ def _figures(comparison):
     if any(result.joint_density is not None for result in both):
         drawn.insert(1, (joint_drawing.draw, both, JOINT_CAPTION))
     return "\n".join(
-        figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)
+        Picture(draw, content).html(f"{scene}: {caption}", caption)
         for draw, content, caption in drawn
     )
 

@@ -49,8 +49,8 @@ def basins(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
-        Coordinates of the starts, in the scene's units: FIRST:LAST:NUMBER (even steps), or numbers
-        between commas (default: the energies up to beyond the device's largest motion).
+        Coordinates of the starts, in the scene's units, such as numpy.linspace(-0.01, 0.01, 41)
+        (default: the energies up to beyond the device's largest motion).
     points : int
         Starts a side, of what is left to the default.
     periods : int or None
@@ -135,8 +135,7 @@ def bifurcation(
     over : dict of str to sequence of float, or str
         The key, such as excitation.amplitude, with its values; or the key alone, with `values`.
     values : sequence of float or None
-        Values of the key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
-        between commas.
+        Values of the key, such as numpy.linspace(1, 12, 100).
     down : bool
         The way down is taken as well, and shows where there are several motions; `--up-only`
         leaves it out.
@@ -231,8 +230,7 @@ def residence(
     over : dict of str to sequence of float, str or None
         A key, such as excitation.intensity, with its values; or the key alone, with `values`.
     values : sequence of float or None
-        Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
-        between commas.
+        Values of that key, such as numpy.geomspace(0.02, 0.06, 5).
     precision : float or None
         Relative standard error, for which realizations are doubled up to 64 times the scene's;
         None: the scene's own run.
@@ -284,4 +282,5 @@ def residence(
         method=engine.name,
         engine_version=next((text for _, text in outcomes if text), ""),
         seconds=time.perf_counter() - clock,
+        precision=precision,
     )

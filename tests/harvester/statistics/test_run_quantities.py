@@ -117,6 +117,25 @@ def test_short_runs_are_covered_where_their_correlation_time_is_known(error_of, 
     assert 0.91 < np.mean(inside) < 0.98
 
 
+@pytest.mark.parametrize(
+    ("change", "memory", "widest"), [(0.0, 3.0, 1.2), (1.0, 0.0, 1.8), (1.0, 3.0, 1.8)]
+)
+def test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error(change, memory, widest):
+    """Input power under white noise has no correlation time; efficiencies hold a rate of change.
+
+    Mean errors of 200 seeds are known to 2 %. With the correlation time, or with neighbours taken
+    for independent, they are 1.6 to 5 times the scatter.
+    """
+    errors = []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        series = 0.3 * random.standard_normal((1, 256))
+        series += change * np.diff(random.standard_normal((1, 257)), axis=1)
+        errors.append(standard_error(series, memory=memory))
+    exact = np.hypot(0.3 / 16.0, change * np.sqrt(2.0) / 256.0)
+    assert 0.95 * exact < np.mean(errors) < widest * exact
+
+
 def test_below_ten_correlation_times_there_is_no_error():
     """Ten of mean squares, which are twenty of exp(−t) on both sides of its middle."""
     for seed in range(20):
