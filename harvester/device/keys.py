@@ -265,9 +265,13 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
     # A number in quotes must have a suffix; without one the quotes are a mistake.
-    if isinstance(value, str) and spec.kind is float and value[-1:].isalpha():
+    if (
+        isinstance(value, str)
+        and spec.kind is float
+        and (value[-1:].isalpha() or value.endswith("%"))
+    ):
         try:
-            value = number(value)
+            value = number(value, spec.unit)
         except NotANumber as reason:
             refuse(f": {reason}")
     if not is_real(value):

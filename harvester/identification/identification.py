@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.formatting import NOT_KNOWN, share_with_error, with_error
+from harvester.base.formatting import NOT_KNOWN, share_with_error, span, with_error, written
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
@@ -178,13 +178,14 @@ class Identification(ResultBase):
         for key, value in self.values.items():
             low, high = self.intervals[key]
             half = 0.5 * (high - low)
-            share = f"{half / abs(value):.2%}" if value else NOT_KNOWN
+            share = written(half / abs(value), ".2%") if value else NOT_KNOWN
             state = self._state(key)
-            rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
+            printed = written(value, ".6g", "", self.standard_errors[key])
+            rows.append([key, state, printed, span(low, high, "", 6), share])
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
-                row.append(f"{low:.6g} … {high:.6g}")
+                row.append(span(low, high, "", 6))
         return header, rows
 
     def _records(self):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.base.formatting import quantity
+from harvester.base.formatting import quantity, written
 from harvester.device import timescales
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.summary import draw, remarks, rows
@@ -35,7 +35,7 @@ class BeamValues(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         return [*COLUMNS], [
-            [name, equation, f"{value:.5g}", unit]
+            [name, equation, written(value, ".5g", unit), unit]
             for name, equation, value, unit in rows(self.beam)
         ]
 

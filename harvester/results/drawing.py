@@ -43,9 +43,9 @@ def draw_result(result: Any) -> Figure | None:
     if result.spectrum_fit is not None and result.spectrum_fit.frequency.size:
         panels.append(_fit_panel(result))
     if result.stroboscope is not None and result.stroboscope.shape[1]:
-        x, v = (axis_label(result, name) for name in ("displacement", "velocity"))
+        x_label, y_label = (axis_label(result, name) for name in ("displacement", "velocity"))
         draw = partial(_draw_section, result)
-        panels.append(Panel(x, v, (), "stroboscopic section", more=draw))
+        panels.append(Panel(x_label, y_label, (), "stroboscopic section", more=draw))
     title = f"{result.scene.name}: {result.engine}"
     return draw_panels(panels, title, (3.0, 2.6), columns=len(panels)) if panels else None
 
@@ -146,5 +146,5 @@ def density_label(result: Any, name: str) -> str:
     """ "probability density [1/m]" of a dimension."""
     unit = result.unit(name)
     if unit.startswith("scaled"):
-        return "probability density"
+        return "probability density [scaled]"
     return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"

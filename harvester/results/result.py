@@ -308,13 +308,12 @@ class Result(ResultBase):
         rows = []
         for name, estimate in printed.items():
             factor, unit = self.in_print(name, estimate)
-            text, error = with_error(estimate.times(factor)), estimate.standard_error
             harvested = " (harvested)" * (name == "mean_output_power" and USED in printed)
             rows.append(
                 [
                     name.replace("_", " ") + harvested,
                     unit,
-                    Printed(text, estimate.estimate, error, self.unit(estimate.dimension)),
+                    self.printed(estimate, factor),
                     *([] if numerical else [count(estimate.effective_sample_size)]),
                     *[reasons[name]] * bare,
                 ]
@@ -341,6 +340,11 @@ class Result(ResultBase):
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
         return prefixed(largest(estimate), self.unit(estimate.dimension))
+
+    def printed(self, estimate: Estimate, factor: float) -> Printed:
+        """One of `quantities` as printed with the factor of `in_print`."""
+        text, unit = with_error(estimate.times(factor)), self.unit(estimate.dimension)
+        return Printed(text, estimate.estimate, estimate.standard_error, unit)
 
     def _findings(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""

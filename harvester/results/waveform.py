@@ -105,6 +105,7 @@ class Waveform(ResultBase):
             findings=[f"{self.engine}: {self.said()}"],
             pictures=[Picture(draw, self)],
             records=self._records,
+            is_series=True,
             dataset=self._dataset,
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.base.formatting import NOT_KNOWN, number, share_with_error
+from harvester.base.formatting import NOT_KNOWN, Printed, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
 from harvester.engines.request import Answer, relative_error
@@ -126,7 +126,7 @@ class Accuracy(ResultBase):
             for name in self.errors:
                 size = abs(self.deviation(closure, name).estimate)
                 seconds = duration(answer["seconds"])
-                rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
+                rows[-1] += [seconds if size <= limit else NEVER for limit in LIMITS]
         return header, rows
 
     def _cells(self, row):
@@ -136,7 +136,7 @@ class Accuracy(ResultBase):
             row.method.family,
             row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
             *(number(row.strong[name], 2) for name in STATES),
-            f"{number(order, 3)} ({row.method.order})",
+            Printed(f"{number(order, 3)} ({row.method.order})", order),
             *(_percent(row.bias.get(name)) for name in MEANS),
             number(1e6 * row.seconds_per_unit, 3),
             *(
@@ -253,27 +253,29 @@ def _verdict(bias):
     return "above" if size - margin > WANTED_BIAS else "not resolved"
 
 
+# A time that no run is long enough for: the bias alone is larger.
+NEVER = Printed("never", math.inf, None, "s")
+
+
 def reached(error: Any, limit: float) -> str:
     """The wall time to a `TotalError`, if there is one, as text."""
     seconds = error.seconds_to(limit) if error else math.nan
     if not math.isfinite(seconds):
-        return "never" if math.isinf(seconds) else NOT_KNOWN
-    return duration(seconds) + ("" if error.is_shown(limit) else " (?)")
+        return NEVER if math.isinf(seconds) else NOT_KNOWN
+    return Printed(duration(seconds) + " (?)" * (not error.is_shown(limit)), seconds, None, "s")
 
 
-def duration(seconds: float) -> str:
-    """A duration as text: two digits with a fitting unit."""
-    for size, unit in UNITS:
-        if seconds >= size:
-            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
-    return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
+def duration(seconds: float) -> Printed:
+    """A duration with two digits and a fitting unit."""
+    size, unit = next((pair for pair in UNITS if seconds >= pair[0]), (1e-6, "µs"))
+    return Printed(f"{float(f'{seconds / size:.2g}'):g} {unit}", seconds, None, "s")
 
 
 def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
         return NOT_KNOWN
     if is_reference(estimate):
-        return "reference"
+        return Printed("reference", 0.0)
     if estimate.standard_error is None:
-        return f"{estimate.estimate:+.1%} (no error bar)"
+        return Printed(f"{estimate.estimate:+.1%} (no error bar)", estimate.estimate, None, "1")
     return share_with_error(estimate)

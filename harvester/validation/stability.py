@@ -5,13 +5,14 @@ Every case is run by every engine and every closure; `verdicts` compares their a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from harvester.base.errors import SceneError
-from harvester.base.formatting import NOT_KNOWN
+from harvester.base.formatting import NOT_KNOWN, Printed, written
 from harvester.base.serialising import plain
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
@@ -97,8 +98,11 @@ class StabilityMatrix(ResultBase):
         return [
             row.case.title,
             *(row.cells[method].text() for method in self.methods),
-            " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
-            f"{sum(answer.seconds for answer in answers if answer):.1f}",
+            Printed(
+                " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
+                max(residuals, key=abs, default=math.nan),
+            ),
+            written(sum(answer.seconds for answer in answers if answer), ".1f", "s"),
         ]
 
     def _findings(self) -> list[str]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.base.errors import HarvesterError, ProgramNotFound
+from harvester.base.formatting import Printed, written
 from harvester.base.serialising import plain
 from harvester.base.tables import markdown_table
 from harvester.engines.request import Request, told
@@ -75,17 +76,24 @@ class TruthRow:
 
     def cells(self) -> list[str]:
         """Cells of the table: result, by, verdict, exact, ours, difference, allowed."""
-        named = [self.truth.title, self.method, self.verdict, f"{self.truth.exact:.5g}"]
+        exact, unit = self.truth.exact, self.truth.unit
+        named = [self.truth.title, self.method, self.verdict, written(exact, ".5g", unit)]
         if self.reason:
             return [*named, "", "", ""]
         error = f" ± {self.standard_error:.1g}" if self.standard_error else ""
-        difference = self._of_exact(self.value - self.truth.exact, "+")
-        return [*named, f"{self.value:.5g}{error}", difference, f"± {self._of_exact(self.limit)}"]
+        ours = Printed(f"{self.value:.5g}{error}", self.value, self.standard_error, unit)
+        allowed = self._of_exact(self.limit)
+        return [
+            *named,
+            ours,
+            self._of_exact(self.value - exact, "+"),
+            Printed(f"± {allowed}", allowed.value),
+        ]
 
     def _of_exact(self, difference, sign=""):
         if not self.truth.exact:
-            return f"{difference:{sign}.1g}"
-        return f"{difference / abs(self.truth.exact):{sign}.2%}"
+            return written(difference, f"{sign}.1g")
+        return written(difference / abs(self.truth.exact), f"{sign}.2%")
 
     def to_dict(self) -> dict[str, Any]:
         ours = ("method", "value", "standard_error", "verdict", "reason")

@@ -13,7 +13,15 @@ import numpy as np
 
 from harvester.base.arguments import check_name
 from harvester.base.errors import LoadError
-from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    number,
+    quantity,
+    share_with_error,
+    span,
+    with_error,
+    written,
+)
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
@@ -218,7 +226,7 @@ class LoadStudy(ResultBase):
             first = self.curves[where][0]
             return [
                 *[NOT_KNOWN] * 5,
-                str(first.realizations),
+                written(first.realizations, "d"),
                 "; ".join(self._unranked(where, key)) or first.outcome,
             ]
         best: Any = self.best(where)
@@ -237,12 +245,10 @@ class LoadStudy(ResultBase):
         return [
             quantity(self.grid.sweeps[key][index], unit) if key else "",
             quantity(optimum.place, unit) if inside else NOT_KNOWN,
-            f"{quantity(optimum.low, unit)} … {quantity(optimum.high, unit)}"
-            if inside
-            else NOT_KNOWN,
+            span(optimum.low, optimum.high, unit),
             with_error(best.estimates["output_power"], self.unit),
             share_with_error(efficiency, sign=False) if efficiency else NOT_KNOWN,
-            str(best.realizations),
+            written(best.realizations, "d"),
             "; ".join(note for note in notes if note),
         ]
 

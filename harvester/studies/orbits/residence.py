@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    Printed,
+    quantity,
+    value_and_error,
+    with_error,
+    written,
+)
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import LEFT_OUT
 from harvester.base.tables import require_xarray
@@ -132,11 +139,11 @@ class Residence(ResultBase):
         header += ["residence time ± standard error [s]", "stays", "Kramers [s]"]
         return header, [
             [
-                "" if stay.value is None else f"{stay.value:.6g}",
-                f"{stay.well:.4g}",
-                _time_text(stay),
-                f"{stay.stays}",
-                NOT_KNOWN if stay.kramers is None else f"{stay.kramers:.4g}",
+                "" if stay.value is None else written(stay.value, ".6g"),
+                written(stay.well, ".4g"),
+                Printed(_time_text(stay), stay.time, stay.standard_error, "s"),
+                written(stay.stays, "d"),
+                NOT_KNOWN if stay.kramers is None else written(stay.kramers, ".4g"),
             ]
             for stay in self.stays
         ]
@@ -238,11 +245,12 @@ def stays(
     """
     realizations = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
     jumps: Any = [realization.moments.jumps for realization in realizations]
-    # The last row holds the time before `run.settle`. It counts too: a start at rest is like an
-    # arrival by a jump.
+    # The last row holds the time before `run.settle`. A device at rest leaves its well later than
+    # one that has long been there: of 250 s after 50 s of settling, with stays of 208 s, the means
+    # were 11 % too long with that time, and 1 ± 1 % without it.
     return {
-        "times": np.array([jumps_of.times for jumps_of in jumps]),
-        "exits": np.array([jumps_of.counts.sum(axis=2) for jumps_of in jumps]),
+        "times": np.array([jumps_of.times[:-1] for jumps_of in jumps]),
+        "exits": np.array([jumps_of.counts[:-1].sum(axis=2) for jumps_of in jumps]),
         "version": realizations[0].engine_version,
     }
 

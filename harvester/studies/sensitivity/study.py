@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError, OutOfTime
-from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    Printed,
+    prefixed,
+    quantity,
+    share_with_error,
+    with_error,
+)
 from harvester.base.method import Method
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
@@ -122,10 +129,13 @@ class Sensitivity(ResultBase):
         rows = []
         for k in self.order():
             both = (self.indices.first, self.indices.total)
-            index_values = [estimates[k] if estimates else NOT_KNOWN for estimates in both]
+            index_values = [
+                Printed(str(e[k]), e[k].estimate, ends=e[k].interval) if e else NOT_KNOWN
+                for e in both
+            ]
             effect_texts = [_signed(e, self.population.mean.estimate) for e in self.effects[k]]
             parameter = self.tolerances[k]
-            rows.append([parameter.key, str(parameter), *map(str, index_values), *effect_texts])
+            rows.append([parameter.key, str(parameter), *index_values, *effect_texts])
         return header, rows
 
     def _records(self):
@@ -334,8 +344,9 @@ def _signed(each, mean):
     """An effect as a share of the mean, half of its interval's width behind it."""
     if mean == 0.0:
         return NOT_KNOWN
-    half = 0.5 * (each.high - each.low) / abs(mean)
-    return share_with_error(Estimate(each.estimate / mean, half, None, "1"))
+    share, ends = each.estimate / mean, sorted((each.low / mean, each.high / mean))
+    text = share_with_error(Estimate(share, 0.5 * (ends[1] - ends[0]), None, "1"))
+    return Printed(text, share, None, "1", (ends[0], ends[1]))
 
 
 def draw_tornado(study: Sensitivity) -> Figure:

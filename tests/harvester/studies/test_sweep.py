@@ -71,8 +71,7 @@ def test_views_have_the_same_numbers(swept):
     data = swept.to_xarray()["mean_power"]
     assert data.dims == ("excitation.intensity", KEY, "method")
     table = swept.to_dataframe()
-    powers = table[table["quantity"] == "mean_power"]["estimate"].to_numpy()
-    assert np.array_equal(powers, data.values.ravel())
+    assert np.array_equal(table["mean power [scaled power]"].to_numpy(), data.values.ravel())
 
 
 def test_a_precision_adds_realizations_and_closures_have_none(pool):
