@@ -1,4 +1,4 @@
-# The public names with their modules, in the order of docs/api.md, for type checkers;
+# The public names with their modules, in the order of docs/reference/python.md, for type checkers;
 # `harvester/__init__.py` imports each name from its module at the first use.
 # ruff: noqa: I001
 from harvester.version import __version__ as __version__

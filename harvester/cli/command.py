@@ -117,7 +117,7 @@ class Command:
         check_places(**places, names=[name])
         # The progress bar of a single run names its method.
         label, seconds = self.name.replace("-", " "), 0.0
-        if self.is_run:
+        if self.is_run and scene:
             run = scene.run
             label, seconds = stem, (run.settle + run.duration) * run.realizations
         with contextlib.ExitStack() as opened:
@@ -126,8 +126,9 @@ class Command:
                     values["progress"] = report
                 if self.takes_runner:
                     # Its folder stays locked until the result's files are written among its own.
-                    running = study_runner(report, places["output"], **self._running(values))
-                    values["runner"] = opened.enter_context(running)
+                    running = {**self._running(values), "output": places["output"]}
+                    opening = study_runner(**running, progress=report)
+                    values["runner"] = opened.enter_context(opening)
                 result = self._computed(scene, values, places["json"])
             self._deliver(result, name, **places)
         return 1 if self.failed and self.failed(result) else 0
@@ -144,7 +145,7 @@ class Command:
             overrides.append(f"run.seed={values.pop('seed')}")
         return Scene.read(values.pop("scene", scene.default), overrides)
 
-    def _running(self, values: dict[str, Any]) -> RunnerOptions:
+    def _running(self, values: dict[str, Any]) -> dict[str, Any]:
         """The options of the runner, taken out of those of the function."""
         running: Any = self.running(values) if self.running else {}
         given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 DEFAULT = "cantilever"
 HINT = """\
-An unknown key or a value that no device has is refused in one line. docs/scene-keys.md lists every
-key with its unit. Quickest look: `harvester average` and this file."""
+An unknown key or a value that no device has is refused in one line. docs/reference/scene-keys.md
+lists every key with its unit. Quickest look: `harvester average` and this file."""
 HEAD = "A scene of your own, copied from the built-in scene `{}`, whose comments follow."
 OWN_HEAD = "A scene of your own: your answers, and elsewhere the values of the built-in scene `{}`."
 # Factors of units that may be typed in place of a key's unit.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
 
 from harvester.base.signatures import RunnerOptions
@@ -16,23 +16,19 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def study_runner(
-    progress: Callable[[float, str], object] | None,
-    output: str | os.PathLike | None,
-    **running: Unpack[RunnerOptions],
-) -> Iterator[Runner]:
+def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
     """A runner for the block, see `harvester.open_runner`; afterwards says what to do next."""
     from harvester.engines.opening import open_runner
 
     try:
-        with open_runner(output, progress=progress, **running) as runner:
+        with open_runner(**running) as runner:
             yield runner
             for line in runner.warnings:
                 print_error(line)
             if runner.out_of_time:
                 print_error("the time budget was spent: the same command goes on where it ended")
     except KeyboardInterrupt as interrupt:
-        hint = "what is finished is kept: the same command goes on" if output else ""
+        hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 

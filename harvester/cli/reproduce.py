@@ -51,7 +51,7 @@ def reproduce(
     from harvester.scene.model import Scene
     from harvester.validation.reproduce import NAMES, reproduce
 
-    output = running.pop("output", "results")
+    output = running.setdefault("output", "results")
     for name in figures:
         check_name("figure", name, (*NAMES, "all"))
     names = [name for name in NAMES if name in figures or "all" in figures]
@@ -64,10 +64,7 @@ def reproduce(
         finished[content.name] = content
 
     try:
-        with (
-            progress("figures") as report,
-            study_runner(report, output, **running) as runner,
-        ):
+        with progress("figures") as running["progress"], study_runner(**running) as runner:
             effort: Any = {"quick": quick, "precision": precision, "thorough": thorough}
             reproduce(scene, names, **effort, runner=runner, on_figure=keep)
     except KeyboardInterrupt as interrupt:

@@ -84,7 +84,9 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         for option in options:
             if option not in accepted:
                 names = [item for item in accepted if item != "scene"]
-                raise UnknownOption(f"{name}: no option {option}{_instead(option, names)}")
+                same = [n for n in names if accepted[n].kind.option == option]
+                hint = f" (did you mean {same[0]}?)" if same else _instead(option, names)
+                raise UnknownOption(f"{name}: no option {option}{hint}")
         with (
             usual_arithmetic(),
             named_as_called(function),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, STORE, SUPPLY
 from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
@@ -20,6 +20,7 @@ from harvester.statistics.batch_means import (
     standard_error,
 )
 from harvester.statistics.estimate import (
+    NO_OUTPUT,
     NOT_STARTED,
     NOTHING_PUT_IN,
     RESOLVED_SHARE,
@@ -68,7 +69,9 @@ RATIOS = {
 
 
 def estimate_output(
-    moments: Sequence[Any], error_of: Callable = standard_error
+    moments: Sequence[Any],
+    error_of: Callable = standard_error,
+    error_of_change: Callable | None = None,
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
@@ -77,8 +80,10 @@ def estimate_output(
     where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
     power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
-    `estimate_measures` are included.
+    `estimate_measures` are included. `error_of_change` is for the rates at which stores fill, by
+    default `error_of`.
     """
+    error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
         return {}
@@ -104,6 +109,8 @@ def estimate_output(
             estimate = _resolved(
                 estimate, *energies, _least_resolved(name, moments, output, energies_of)
             )
+        if name == "mean_output_power" and not (energies[0].any() or _takes(moments)):
+            estimate = Estimate(0.0, None, None, "power", NO_OUTPUT)
         estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
@@ -115,10 +122,20 @@ def estimate_output(
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    estimates["stored_energy_per_hour"] = _per_hour(
-        estimates["mean_storage_power"], energies_of["mean_storage_power"][0], time
-    )
-    return estimates | estimate_measures(moments, error_of)
+    stored, _ = energies_of["mean_storage_power"]
+    storage = estimates["mean_storage_power"]
+    # Another hour has another path, unlike the measured time.
+    estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
+    if storage.note != ROUNDED_OFF:
+        storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
+    estimates["mean_storage_power"] = storage
+    return estimates | estimate_measures(moments, error_of, error_of_change)
+
+
+def _takes(moments):
+    """Whether a load has a resistor across its output, or a measure of it."""
+    output = moments[0].output
+    return output.conductance > 0.0 or any(kind == OUTPUT for kind, _ in output.rows)
 
 
 def _least_resolved(name, moments, output, energies_of):
@@ -154,8 +171,8 @@ def _per_hour(storage, stored, time):
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
-            f"stores charge unevenly: their power changes by {change:.0%} between the halves of "
-            f"the measured {length:.3g} s, so that an hour is not like these"
+            f"stores charge unevenly: their power changes by {change:.0%} of the larger between "
+            f"the halves of the measured {length:.3g} s, so that an hour is not like these"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
     return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
@@ -202,6 +219,7 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     return {
         "mean_output_power": output,
         "mean_storage_power": max(given, output),
+        **{f"{m.name}_storage_power": max(given, output) for m in measures if m.kind == STORE},
         "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
         "mean_converter_loss": math.hypot(given, harvested),
         "converter_efficiency": harvested / given if given else 0.0,

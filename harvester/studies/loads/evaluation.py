@@ -33,7 +33,7 @@ from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
-from harvester.statistics.estimate import ROUNDED_OFF, TOO_SHORT, Estimate
+from harvester.statistics.estimate import NO_OUTPUT, ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import USED, step_sizes
 from harvester.statistics.paired import sums
@@ -181,7 +181,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else run.whole[name].note or TOO_SHORT
     power = Estimate(float(series.mean()), error, None, "power", why)
-    if run.whole[name].note == ROUNDED_OFF:
+    if run.whole[name].note in (NO_OUTPUT, ROUNDED_OFF):
         power = run.whole[name]
     else:
         size = step_sizes(run.whole).get(name)

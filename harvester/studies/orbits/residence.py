@@ -245,11 +245,12 @@ def stays(
     """
     realizations = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
     jumps: Any = [realization.moments.jumps for realization in realizations]
-    # The last row holds the time before `run.settle`. It counts too: a start at rest is like an
-    # arrival by a jump.
+    # The last row holds the time before `run.settle`. A device at rest leaves its well later than
+    # one that has long been there: of 250 s after 50 s of settling, with stays of 208 s, the means
+    # were 11 % too long with that time, and 1 ± 1 % without it.
     return {
-        "times": np.array([jumps_of.times for jumps_of in jumps]),
-        "exits": np.array([jumps_of.counts.sum(axis=2) for jumps_of in jumps]),
+        "times": np.array([jumps_of.times[:-1] for jumps_of in jumps]),
+        "exits": np.array([jumps_of.counts[:-1].sum(axis=2) for jumps_of in jumps]),
         "version": realizations[0].engine_version,
     }
 

@@ -133,26 +133,15 @@ def waveform(columns, units):
 
 
 @pytest.mark.parametrize("periods", [70, 900])
-def test_a_line_of_many_points_covers_the_pixels_of_all(periods):
-    """Pixel by pixel, for few and many periods in a pixel; the line ends where the run ends."""
-    phase = 2.0 * np.pi * periods * np.linspace(0.0, 1.0, 60_001)
+def test_a_line_of_many_points_is_a_small_file(periods):
+    """matplotlib leaves out points that change no pixel; all of them would be megabytes."""
+    phase = 2.0 * np.pi * periods * np.linspace(0.0, 1.0, 300_001)
     values = (1.0 + 0.2 * np.cos(phase / periods)) * np.sin(phase)
     wave = waveform({"velocity": values, "voltage": values}, {"velocity": "m/s", "voltage": "V"})
-
-    def image(figure):
-        FigureCanvasAgg(figure).draw()
-        return np.asarray(figure.canvas.buffer_rgba())[..., 0].astype(float)
-
     figure = wave.figure()
-    (axes,) = figure.axes
-    (line,) = axes.lines
-    assert len(line.get_xdata()) < 5000
+    (line,) = figure.axes[0].lines
     assert line.get_xdata()[-1] == wave.time[-1]
-    drawn = image(figure)
-    line.set_data(wave.time, values)
-    full = image(figure)
-    assert (full < 200.0).sum() > 5000
-    assert np.mean(np.abs(drawn - full) > 100.0) < 2e-3
+    assert len(figures.image(figure)) < 300_000
 
 
 def test_a_column_constant_but_for_rounding_and_a_negative_offset():

@@ -39,6 +39,11 @@ def test_other_options_are_refused_with_the_nearest(arguments, options, words):
     assert isinstance(raised.value, TypeError)
 
 
+def test_an_option_of_the_command_is_answered_with_its_name_in_python():
+    with pytest.raises(harvester.UnknownOption, match=r"no option sweep .did you mean over"):
+        harvester.load_study("device", sweep={"load.resistance": [1e4]})
+
+
 # What a study goes over, where it must be told, stands behind the scene.
 OVER = {
     "frequency_response": [[1.0]],

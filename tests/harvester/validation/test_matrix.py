@@ -1,4 +1,3 @@
-import functools
 import itertools
 import json
 import math
@@ -17,7 +16,7 @@ from harvester.results.page import all_facts, table_in_pages
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
-from harvester.validation import MEANS, public
+from harvester.validation import MEANS
 from harvester.validation import stability as module
 from harvester.validation.formulas import rebound_speed
 from harvester.validation.public import stability
@@ -222,8 +221,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
     wrong = StabilityMatrix(Scene.read("paper"), [row], 1.0)
-    stub = functools.wraps(public.stability)(lambda scene, **_: wrong)
-    monkeypatch.setattr(public, "stability", stub)
+    monkeypatch.setattr(module, "matrix_of", lambda *_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
 

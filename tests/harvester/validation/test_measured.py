@@ -117,7 +117,7 @@ def test_what_is_claimed_of_a_measured_bistable_beam_lies_within_its_interval(po
 
 
 def test_the_page_of_the_site_has_every_point():
-    page = (Path(__file__).parents[3] / "docs" / "measured.md").read_text("utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "explanation" / "measured.md").read_text("utf-8")
     rows = [TruthRow(truth, method, truth.exact) for truth in measured() for method in truth.asked]
     fresh = measured_page(rows, "today")
     # But for what was computed: points, measured values, what is said, and headings.
