@@ -53,9 +53,9 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "optimum": "--closure --evaluations --from --json --maximise --method --output --over "
     f"--precision --report --to {RUN} {SCENE}",
-    "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
+    "sensitivity": "--above --covariance --json --method --output --precision --quantity --rows --vary "
     f"--report {RUN} {SCENE}",
-    "load-study": "--load --method --output --precision --report --step --sweep --time-limit "
+    "load-study": "--json --load --method --output --precision --report --step --sweep --time-limit "
     f"{RUN} {SCENE}",
     "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
     f"--report {SCENE}",
