@@ -75,6 +75,12 @@ def average(
         Unknown closure, or one that does not hold for these parameters.
     LoadError
         The load is no resistor.
+
+    Examples
+    --------
+    ::
+
+        harvester average paper --method consistent
     """
     from harvester.device import timescales
     from harvester.device.beam.magnets import magnet_notes

@@ -56,6 +56,8 @@ class Estimated(Protocol):
 def with_error(estimate: Estimated, unit: str = "") -> Printed:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
+    if not math.isfinite(value):
+        return Printed(NOT_KNOWN, math.nan, None, unit)
     factor, symbol = prefixed(largest(estimate), unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
     bare = text.removesuffix(NO_ERROR_BAR)

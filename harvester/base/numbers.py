@@ -23,6 +23,11 @@ def is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
+def is_whole(value: object, least: int) -> bool:
+    """Whether a value is a whole number, not True or False, and not below the least."""
+    return is_real(value) and isinstance(value, numbers.Integral) and int(value) >= least
+
+
 def number(text: str) -> float:
     """The number of a text such as "306e3", "200k" or "4.7meg".
 

@@ -16,7 +16,7 @@ from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
-from harvester.base.numbers import NotANumber, number
+from harvester.base.numbers import NotANumber, is_real, number
 from harvester.base.plain_text import named, nearest, shown
 
 Declared = TypeVar("Declared", bound="Table")
@@ -270,7 +270,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
             value = number(value)
         except NotANumber as reason:
             refuse(f": {reason}")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not is_real(value):
         refuse()
     if spec.kind is int and not isinstance(value, int):
         refuse()

@@ -15,6 +15,8 @@ from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 
+COLUMNS = ("quantity", "equation", "value", "unit")
+
 
 @dataclass(frozen=True, repr=False)
 class BeamValues(ResultBase):
@@ -32,8 +34,7 @@ class BeamValues(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        header = ["quantity", "equation", "value", "unit"]
-        return header, [
+        return [*COLUMNS], [
             [name, equation, f"{value:.5g}", unit]
             for name, equation, value, unit in rows(self.beam)
         ]
@@ -66,6 +67,5 @@ class BeamValues(ResultBase):
         return sentences
 
     def to_dict(self) -> dict[str, Any]:
-        keys = ("quantity", "equation", "value", "unit")
-        values = [dict(zip(keys, row, strict=True)) for row in rows(self.beam)]
+        values = [dict(zip(COLUMNS, row, strict=True)) for row in rows(self.beam)]
         return {"scene": self.scene.to_dict(), "values": values, "notes": self._findings()}

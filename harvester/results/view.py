@@ -63,6 +63,14 @@ class Picture:
         """The figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
+    def html(self, alternative: str = "", caption: str = "") -> str:
+        """The figure within a page; empty if there is nothing to draw."""
+        from harvester.results.page import figure_of
+
+        figure = self.figure()
+        alternative = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
+
 
 @dataclass(frozen=True)
 class View:
@@ -224,19 +232,10 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *map(shown_in_notebook, view.pictures),
+            *(picture.html() for picture in view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
-
-
-def shown_in_notebook(picture: Picture, caption: str = "") -> str:
-    """A picture as HTML; empty if there is nothing to draw."""
-    from harvester.results.page import figure_of
-
-    figure = picture.figure()
-    name = picture.name or "figure"
-    return "" if figure is None else figure_of(figures.image(figure), name, caption)
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
@@ -251,15 +250,11 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
         unit = unit or (units.pop() if len(units) == 1 else "")
         suffix = f" [{unit}]" if unit and unit != "1" else ""
         names.append(f"{bare}{suffix}")
-        columns.append([_value(cell) for cell in cells])
+        columns.append([cell.value if isinstance(cell, Printed) else cell for cell in cells])
         if any(cell.error is not None for cell in printed):
             names.append(f"{bare} standard error{suffix}")
             columns.append([getattr(cell, "error", None) for cell in cells])
     return Table(names, [list(row) for row in zip(*columns, strict=True)])
-
-
-def _value(cell):
-    return cell.value if isinstance(cell, Printed) else cell
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

@@ -148,9 +148,9 @@ class Scene(Table):
         changes : dict, optional
             Dotted keys to values, {"stoppers.gap": 1.2}.
         **tables : dict or None
-            Tables to change key by key; None removes the table.
+            Tables to change key by key; None removes the table. `name="..."` is the copy's name.
         """
-        new = self._tables()
+        new = self._tables() | {"name": self.name}
         if not isinstance(changes, (dict, type(None))):
             raise SceneError(
                 f"replace {shown(changes)}: give a dictionary of dotted keys to values"
@@ -164,7 +164,10 @@ class Scene(Table):
             for key, value in values.items():
                 last = key if isinstance(key, str) else shown(key)
                 put(new, f"{name}.{last}", value, "replace")
-        return self.from_tables(new, self.name, self.name, self.folder, changed=self)
+        name = new.pop("name", None)
+        if not isinstance(name, str):
+            raise SceneError(f"replace name = {shown(name)}: must be a text")
+        return self.from_tables(new, name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
         """Nested dictionaries of the TOML file's form, without what is left out."""
@@ -222,9 +225,9 @@ class Scene(Table):
             excitation.pop("sha256", None)
         name = str(content.get("name", "scene"))
         scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
-        if scene.digest() != content.get("sha256"):
+        if "sha256" in content and scene.digest() != content["sha256"]:
             raise SceneError(
-                f"{scene.name}: its digest is no longer sha256 = {shown(content.get('sha256'))}: "
+                f"{scene.name}: its digest is no longer sha256 = {shown(content['sha256'])}: "
                 "a value or a file that it names has changed since"
             )
         return scene

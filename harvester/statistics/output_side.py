@@ -96,11 +96,14 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
+    energies_of = output_ratios(moments)
     for name, dimension in RATIOS.items():
-        energies = output_ratio(moments, name)
+        energies = energies_of[name]
         estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
         if name != "output_voltage":
-            estimate = _resolved(estimate, *energies, _least_resolved(name, moments, output))
+            estimate = _resolved(
+                estimate, *energies, _least_resolved(name, moments, output, energies_of)
+            )
         estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
@@ -113,15 +116,15 @@ def estimate_output(
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
     estimates["stored_energy_per_hour"] = _per_hour(
-        estimates["mean_storage_power"], output_ratio(moments, "mean_storage_power")[0], time
+        estimates["mean_storage_power"], energies_of["mean_storage_power"][0], time
     )
     return estimates | estimate_measures(moments, error_of)
 
 
-def _least_resolved(name, moments, output):
+def _least_resolved(name, moments, output, energies_of):
     """The energy below which a difference, or what is left of the load's energy, is rounding."""
     used, stored = _used_and_stored(moments, output)
-    given = abs(float(output_ratio(moments, "converter_efficiency")[1].sum()))
+    given = abs(float(energies_of["converter_efficiency"][1].sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *supplied(moments).values()))
     if name in ("mean_storage_power", "mean_converter_loss"):
         exchanged += given
@@ -208,8 +211,8 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     }
 
 
-def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
+def output_ratios(moments: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Numerator and denominator of each of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")
@@ -226,7 +229,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
         "converter_efficiency": (harvested, load),
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
-    }[name]
+    }
 
 
 def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:

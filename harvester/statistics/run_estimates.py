@@ -162,6 +162,7 @@ def run_estimates(
     square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
     step_error *= faintness(susceptance(ready) * square, power)
     path_error = math.hypot(step_error, spread)
+    estimates = _within(estimates, sum(m.points for m in moments))
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
     estimates = {
         name: with_steps(scene, estimate, path_error, memory, sizes.get(name))
@@ -192,6 +193,16 @@ def run_estimates(
     return RunEstimates(
         estimates, reasons, step_error, path_error, residual, notes, balanced, error, balance
     )
+
+
+def _within(estimates, points):
+    """The estimates with no more effective samples than points that were computed."""
+    return {
+        name: replace(estimate, effective_sample_size=float(points))
+        if (estimate.effective_sample_size or 0.0) > points
+        else estimate
+        for name, estimate in estimates.items()
+    }
 
 
 def _with_lengths(scene, moments, whole, memory):

@@ -19,6 +19,7 @@ from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity
+from harvester.base.numbers import is_real
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
@@ -409,10 +410,9 @@ def rising_frequencies(frequencies: Any) -> np.ndarray:
     wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
     requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
-    try:
-        rising = np.unique(np.array(requested, dtype=float))
-    except (TypeError, ValueError):
-        raise wrong from None
+    if not all(map(is_real, requested)):
+        raise wrong
+    rising = np.unique(np.array(requested, dtype=float))
     if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
         raise wrong
     return rising

@@ -11,12 +11,11 @@ from typing import Any
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest, shown
-from harvester.device.keys import every_key
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.scene.tables import all_tables
+from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -143,7 +142,7 @@ def _check_sweep(scene, key, values, any_key):
     number_keys = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
-    if not listed and not (any_key and key in _every_key()):
+    if not listed and not (any_key and key in all_keys()):
         raise HarvesterError(
             f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
             f"{', '.join(number_keys)} and what else a load calls its parameters"
@@ -154,12 +153,6 @@ def _check_sweep(scene, key, values, any_key):
             raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
-
-
-def _every_key():
-    """All keys that a scene may hold, whatever its tables."""
-    tables = all_tables().items()
-    return {f"{name}.{key}" for name, classes in tables for key in every_key(classes)}
 
 
 def _at(scene, values):

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from harvester.base.formatting import NOT_KNOWN, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
-from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Answer, relative_error
-from harvester.engines.simulate import require_noise
 from harvester.results.view import Picture, ResultBase, View
-from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.statistics.estimate import Estimate
@@ -27,7 +23,6 @@ from harvester.validation.accuracy_measurement import (
     MethodRow,
     TotalError,
     is_reference,
-    measure,
 )
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.throughput import ratios
@@ -240,39 +235,6 @@ class Accuracy(ResultBase):
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),
         }
-
-
-@takes_scene
-def accuracy(
-    scene: Scene,
-    *,
-    thorough: bool = False,
-    methods: Sequence[ComparedMethod] | None = None,
-    **running: Unpack[RunnerOptions],
-) -> Accuracy:
-    """Measure the error of every method on a scene, and how it falls with time.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        The scene; means are compared over its own [run].
-    thorough : bool
-        More paths, steps and realizations.
-    methods : sequence of ComparedMethod or None
-        None: all of them, and the throughput of every way to run the circuit.
-    **running
-        See `harvester.open_runner`. What is kept holds the times that were measured.
-
-    Raises
-    ------
-    HarvesterError
-        The excitation is no noise, or the reference itself failed.
-    OutOfTime
-        The time budget was spent before it was there.
-    """
-    require_noise(scene, "accuracy")
-    with open_runner(**running) as runner:
-        return Accuracy(**measure(scene, runner, thorough, methods))
 
 
 def bias_verdict(row: MethodRow) -> str:

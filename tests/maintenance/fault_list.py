@@ -40,7 +40,7 @@ BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/statistics/{name}.py"
     for name in ("batch_means", "estimate", "run_quantities", "balance", "measures")
 )
-PAIRED = "harvester/results/paired.py"
+PAIRED = "harvester/statistics/paired.py"
 JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )

@@ -19,7 +19,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_label, key_words
 from harvester.statistics.estimate import Estimate
-from harvester.studies.answers import is_noisy, missing_from
+from harvester.studies.answers import is_noisy, longer_runs, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 from harvester.studies.optimum.objective import NOTHING, is_nothing
@@ -236,8 +236,7 @@ class Optimum(ResultBase):
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
             lines.append(
-                "the runs are too short to tell how flat the maximum is: raise run.duration or "
-                "run.realizations"
+                f"the runs are too short to tell how flat the maximum is: {longer_runs(self.scene)}"
             )
         for parameter in self.parameters:
             if parameter.is_narrow:
@@ -248,8 +247,9 @@ class Optimum(ResultBase):
             if parameter.open_low and parameter.open_high:
                 lines.append(
                     f"{parameter.axis.key}: flat: nowhere in the range significantly more than "
-                    f"{FLAT_SHARE:.0%} below the maximum, so that any value is as good as far as "
-                    "these runs tell; vary another parameter, or give another range"
+                    f"{FLAT_SHARE:.0%} below the maximum, so that all values of the range are "
+                    f"equal within the errors; {longer_runs(self.scene)}, vary another parameter, "
+                    "or give another range"
                 )
                 continue
             for end, is_open in (

@@ -12,7 +12,7 @@ import numpy as np
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error
-from harvester.base.plain_text import json_text
+from harvester.base.plain_text import json_text, shown
 from harvester.base.tables import require_xarray
 from harvester.results.orbit import REASONS
 from harvester.results.panels import set_title
@@ -94,7 +94,7 @@ class Basins(ResultBase):
                 f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
                 *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
                 _section(orbit, self.unit("displacement")),
-                "—" if orbit.lyapunov is None else str(orbit.lyapunov),
+                NOT_KNOWN if orbit.lyapunov is None else str(orbit.lyapunov),
             ]
             for orbit in self.orbits
         ]
@@ -214,7 +214,10 @@ def axes_of_starts(
         except (TypeError, ValueError):
             values = np.array([np.nan])
         if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
-            raise HarvesterError(f"--{name}: must be rising numbers")
+            raise HarvesterError(
+                f"--{name} {shown(coordinates)}: must be rising numbers, such as "
+                "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"
+            )
         axes.append(values)
     return axes[0], axes[1]
 

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
 from harvester.engines.simulate import simulate
 from harvester.results import figures
+from harvester.results.files import check_ending, save
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.waveform import Waveform
 from harvester.scene.model import Scene
@@ -72,7 +73,7 @@ def test_ohms_law_in_volts_and_amperes(divided, method):
 def test_files_and_tables(tmp_path):
     scene = Scene.read("device", ["run.realizations=1", "run.duration=2", "run.settle=1"])
     wave = simulate(scene, method="monte-carlo", window=(1.0, 1.5)).waveform
-    wave.save(tmp_path / "w.csv")
+    save(wave, tmp_path / "w.csv")
     with open(tmp_path / "w.csv", newline="") as file:
         header, first, *_ = csv.reader(file)
     assert header[:4] == ["time [s]", "displacement [m]", "velocity [m/s]", "voltage [V]"]
@@ -82,10 +83,10 @@ def test_files_and_tables(tmp_path):
     assert frame["voltage [V]"].to_numpy() == pytest.approx(wave.voltage)
     assert wave.to_xarray()["current"].attrs["unit"] == "A"
     for ending in (".nc", ".png"):
-        wave.save(tmp_path / f"w{ending}")
+        assert save(wave, tmp_path / f"w{ending}") == [f"w{ending}"]
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
-        wave.save(tmp_path / "w.xls")
+        check_ending("w.xls")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]
 

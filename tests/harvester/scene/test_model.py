@@ -127,6 +127,18 @@ def test_replace_checks_and_leaves_the_original_alone():
         scene.replace({"stoppers.gap": -1.0})
 
 
+def test_a_copy_may_have_another_name():
+    scene = Scene.read("linear")
+    for copy in (scene.replace(name="mine"), scene.replace({"name": "mine", "run.seed": 1})):
+        assert (copy.name, copy.oscillator) == ("mine", scene.oscillator)
+    assert scene.replace(name="mine").digest() == scene.digest()
+    assert Scene.from_dict({"name": "mine", **scene.to_tables()}).name == "mine"
+    with pytest.raises(SceneError, match="name = 3: must be a text"):
+        scene.replace(name=3)
+    with pytest.raises(SceneError, match=r"unknown key seed .did you mean run\.seed"):
+        scene.replace(seed=3)
+
+
 def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
     scene = Scene.read("paper_si")
     again = Scene.from_tables(scene.to_tables(), name=scene.name)

@@ -10,7 +10,6 @@ from harvester.device.record import Record
 from harvester.engines.methods import MonteCarlo
 from harvester.engines.realization import empty_moments, run
 from harvester.engines.simulate import simulate
-from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.balance import energy_balance_residual
@@ -23,6 +22,7 @@ from harvester.statistics.batch_means import (
 from harvester.statistics.densities import densities
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
+from harvester.statistics.paired import deviations, paired_difference
 from harvester.statistics.run_estimates import correlation_time, run_estimates
 from harvester.statistics.run_quantities import estimate_all
 

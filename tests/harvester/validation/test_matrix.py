@@ -19,7 +19,8 @@ from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import MEANS
 from harvester.validation import stability as module
 from harvester.validation.formulas import rebound_speed
-from harvester.validation.stability import StabilityMatrix, stability
+from harvester.validation.public import stability
+from harvester.validation.stability import StabilityMatrix
 from harvester.validation.stability_cases import (
     STEP_BUDGET,
     Case,

@@ -7,7 +7,7 @@ import pytest
 
 from harvester.results.orbit import share_error
 from harvester.scene.model import Scene
-from harvester.studies.orbits.residence import stays, stays_of
+from harvester.studies.orbits.residence import Residence, ResidenceTime, stays, stays_of
 
 
 @pytest.mark.parametrize(("part", "count"), [(30, 100), (500, 1000)])
@@ -19,6 +19,15 @@ def test_the_error_of_a_share_is_that_of_as_many_starts(part, count):
 
 def test_a_share_of_all_starts_is_not_certain():
     assert share_error(100, 100) == pytest.approx(math.sqrt(0.5) / 100.0, rel=0.02)
+
+
+@pytest.mark.parametrize("precision", [None, 0.05])
+def test_a_precision_that_was_given_is_not_asked_for(precision):
+    stays = [ResidenceTime(None, 1.0, 5.0, None, 3, 15.0, None, "")]
+    residence = Residence(Scene.read("duffing"), None, stays, "", "", 0.0, precision)
+    text = " ".join(residence.sentences())
+    assert ("precision" in text and "--precision" not in text) == (precision is not None)
+    assert "raise run.duration = " in text
 
 
 def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
