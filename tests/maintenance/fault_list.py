@@ -306,15 +306,15 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "                    factor = max(factor, 1.0 + 2.0 * neighbours)",
-        "                    factor = max(factor, 1.0)",
+        "share * (factor - 1.0), 1.0 + 2.0 * neighbours)",
+        "share * (factor - 1.0), 1.0)",
         EXACT_ERROR,
     ),
     Fault(
         "error bars: every mean has the correlation time of mean squares",
         BATCH_MEANS,
-        "follows = neighbours >= expected - CLEARLY * chance",
-        "follows = True",
+        "share = min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)",
+        "share = 1.0",
         (f"{OF_MEANS}::test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error",),
     ),
     Fault(
