@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
-from harvester.identification.fitted_model import MISSED_SHARE, MOST_NOISE, NOTED, Fitted
-from harvester.identification.fitting import fitted
+from harvester.identification.fitting import MISSED_SHARE, MOST_NOISE, NOTED, Fitted, fitted
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.proof import blocks_of, sensor_noise
 from harvester.identification.sensors import HIGHPASSES

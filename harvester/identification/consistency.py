@@ -18,10 +18,10 @@ import numpy as np
 from harvester.identification.intervals import base_noise
 from harvester.identification.proof import noise_floor
 from harvester.identification.sensors import integrals
-from harvester.identification.window_states import without_states
+from harvester.identification.shooting import without_states
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
 
 # Number of drawn noise records, and of neighbouring lines over which their spectrum is averaged.
 DRAWS, LINES = 6, 9

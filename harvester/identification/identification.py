@@ -24,7 +24,7 @@ from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
     from harvester.identification.consistency import Misfit
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.impedance_fit import FromImpedance
     from harvester.identification.intervals import Undetermined
     from harvester.identification.kept_aside import Kept

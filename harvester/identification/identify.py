@@ -15,7 +15,7 @@ from harvester.base.signatures import Kind, files_of, one_record_of, records_of,
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.identification import Identification
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
@@ -102,15 +102,15 @@ def identify(
     from harvester.identification import checks
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.consistency import misfits, worst
-    from harvester.identification.fitted_model import fitted_sizes
+    from harvester.identification.fitting import fitted_sizes
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside
-    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
+    from harvester.identification.measured_response import MeasuredImpedance, read_impedance
+    from harvester.identification.measurement import frequencies
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import whiteness
-    from harvester.identification.reconstruction import frequencies
     from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict

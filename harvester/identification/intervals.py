@@ -23,7 +23,7 @@ import numpy as np
 
 from harvester.identification.proof import noise_floor
 from harvester.identification.response import Experiment
-from harvester.identification.window_states import without_states
+from harvester.identification.shooting import without_states
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit

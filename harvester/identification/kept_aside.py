@@ -33,7 +33,7 @@ from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
     from harvester.identification.consistency import Misfit
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
     from harvester.identification.visited import Visited
 

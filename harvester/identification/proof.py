@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from harvester.identification.measured_impedance import MeasuredImpedance
+from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.response import NO_STATES, SteadyResponses
 from harvester.identification.search import settle_windows
 from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
 from harvester.statistics.estimate import Estimate
 

@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.linear_start import starts_from
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.window_states import placed, reach_of, repaired, states_of
+from harvester.identification.measurement import frequencies
+from harvester.identification.shooting import (
+    Shooting,
+    ShootingFit,
+    placed,
+    reach_of,
+    repaired,
+    states_of,
+)
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement

@@ -14,7 +14,7 @@ import numpy as np
 from harvester.base.errors import HarvesterError
 from harvester.identification import intervals
 from harvester.identification.candidates import SURE, richer
-from harvester.identification.fitted_model import NOTED, Fitted
+from harvester.identification.fitting import NOTED, Fitted
 from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.unknowns import unknowns
 

@@ -13,7 +13,7 @@ from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.proof import ResponseStretch, Whiteness, sensor_noise
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.kept_aside import Kept
     from harvester.identification.spring_shape import SpringShape
     from harvester.identification.visited import Visited

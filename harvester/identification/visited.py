@@ -13,7 +13,7 @@ from harvester.device.system import potential
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
 
 # The visited frequencies lie between these shares of the base's cumulative power.

@@ -613,7 +613,7 @@ FAULTS = [
     ),
     Fault(
         "identification: starts of windows are taken for known",
-        "harvester/identification/window_states.py",
+        "harvester/identification/shooting.py",
         "(block - explained)",
         "(block - 0.0 * explained)",
         OF_INTERVALS,

@@ -8,11 +8,13 @@ from measured_records import band_noise, linear_device, linear_record, scene_of,
 
 from harvester.base.errors import HarvesterError, IdentificationError, SceneError
 from harvester.cli.command_line import main
-from harvester.identification.butterworth_van_dyke import fitted_circuit
 from harvester.identification.identify import identify
-from harvester.identification.impedance_fit import from_impedance
-from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
-from harvester.identification.measured_response import MeasuredResponse
+from harvester.identification.impedance_fit import fitted_circuit, from_impedance
+from harvester.identification.measured_response import (
+    MeasuredImpedance,
+    MeasuredResponse,
+    read_impedance,
+)
 from harvester.identification.measurement import Measurement
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
