@@ -18,7 +18,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.intervals import undetermined
+from harvester.identification.identifiability import undetermined
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.measurement import frequencies
 from harvester.identification.proof import (
@@ -127,15 +127,14 @@ class Fitted:
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
             # Later simulations under this record then interpolate it as the fit did.
             fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
-        unclear = undetermined(keys, fit.values, shooting.sizes, covariance)
+        unclear = undetermined(shooting.unknowns, fit.values, covariance)
         return cls(
             fitted_scene, fit.values, covariance, unclear, stretches, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
         """The same model with another covariance, which gives wider intervals."""
-        sizes = self.shooting.sizes
-        unclear = undetermined(self.keys, self.values, sizes, covariance)
+        unclear = undetermined(self.shooting.unknowns, self.values, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
 
     def with_more(
