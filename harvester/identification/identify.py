@@ -211,8 +211,8 @@ def identify(
 def _of_impedance(scene, analysed, free, posterior, clock):
     """The identification from an impedance alone, without records in time."""
     from harvester.identification.candidates import Candidate
+    from harvester.identification.fitting import fitted
     from harvester.identification.identification import Identification
-    from harvester.identification.impedance_fit import fitted_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import whiteness
     from harvester.identification.verdict import impedance_verdict
@@ -222,7 +222,7 @@ def _of_impedance(scene, analysed, free, posterior, clock):
             f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no others: "
             "leave --free out, or give a record too (--record)"
         )
-    base = fitted_impedance(analysed)
+    base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
     period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
     return Identification(
         scene=base.scene,

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.response import NO_STATES, SteadyResponses
+from harvester.identification.response import NO_STATES, Responses
 from harvester.identification.search import settle_windows
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.scene.units import load_resistance
@@ -235,7 +235,7 @@ def predicted(
     return predictions, settled
 
 
-def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
+def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseStretch:
     """Predictions of the lines of a response or an impedance that were kept aside."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
