@@ -18,9 +18,9 @@ import numpy as np
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.identification.fitting import MISSED_SHARE, MOST_NOISE, NOTED, Fitted, fitted
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.proof import blocks_of, sensor_noise
 from harvester.identification.sensors import HIGHPASSES
 from harvester.identification.unknowns import unknowns
+from harvester.identification.validation_record import blocks_of, sensor_noise
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -138,7 +138,7 @@ def _explains_all(fitted):
     """
     return all(
         stretch.nrmse(n) ** 2 - min(sensor_noise(stretch, n), MOST_NOISE) ** 2 <= MISSED_SHARE**2
-        for stretch in fitted.stretches
+        for stretch in fitted.records
         for n in range(len(stretch.outputs))
     )
 
@@ -149,7 +149,7 @@ def _compared(base, other):
     All outputs count, each in units of the base model's rms residual.
     """
     ratios: list[float] = []
-    for mine, theirs in zip(base.stretches, other.stretches, strict=True):
+    for mine, theirs in zip(base.records, other.records, strict=True):
         units = np.sqrt(np.mean(mine.residuals**2, axis=0))
         old, new = (
             np.array([np.mean(part**2) for part in blocks_of(stretch.residuals / units)])

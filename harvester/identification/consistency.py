@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.intervals import base_noise
-from harvester.identification.proof import noise_floor
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import without_states
+from harvester.identification.validation_record import noise_floor
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted

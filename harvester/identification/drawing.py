@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.identification.proof import ResponseStretch
 from harvester.identification.sensors import OUTPUT_UNITS
+from harvester.identification.validation_record import ResponseRecord
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 
@@ -28,8 +28,8 @@ def draw(found: Any) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    stretch = found.fitted.stretches[0]
-    if isinstance(stretch, ResponseStretch):
+    stretch = found.fitted.records[0]
+    if isinstance(stretch, ResponseRecord):
         return _response_figure(found, stretch)
     figure = Figure(figsize=(10.0, 6.4))
     wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
@@ -131,7 +131,7 @@ def _draw_densities(axes, stretch, label):
 
 
 def _draw_correlation(axes, found):
-    white, rate = found.whiteness, found.fitted.stretches[0].rate
+    white, rate = found.whiteness, found.fitted.records[0].rate
     lags = np.arange(1, white.correlations.size + 1) / rate
     axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)
     axes.axhspan(-white.bound, white.bound, color="0.85", lw=0)

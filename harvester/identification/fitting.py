@@ -21,12 +21,6 @@ from harvester.identification import intervals
 from harvester.identification.intervals import undetermined
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.measurement import frequencies
-from harvester.identification.proof import (
-    ValidationStretch,
-    predicted,
-    predicted_lines,
-    sensor_noise,
-)
 from harvester.identification.response import (
     COARSE_STEPS,
     FINE_STEPS,
@@ -57,6 +51,12 @@ from harvester.identification.unknowns import (
     unknowns,
     with_values,
 )
+from harvester.identification.validation_record import (
+    ValidationRecord,
+    predicted,
+    predicted_lines,
+    sensor_noise,
+)
 from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Fitted:
         The scene with the fitted values.
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
-    stretches : list of ValidationStretch
+    records : list of ValidationRecord
         The kept-aside part of each record.
     interpolation : str
         Interpolation of the acceleration between its samples.
@@ -92,7 +92,7 @@ class Fitted:
     values: np.ndarray
     covariance: np.ndarray
     undetermined: list
-    stretches: list[ValidationStretch]
+    records: list[ValidationRecord]
     interpolation: str
     shooting: Shooting
     fit: ShootingFit
@@ -105,7 +105,7 @@ class Fitted:
         shooting: Shooting,
         fit: ShootingFit,
         covariance: np.ndarray,
-        stretches: list[ValidationStretch],
+        records: list[ValidationRecord],
         settled: ShootingFit | None = None,
     ) -> Fitted:
         """The model at the end of a fit; `scene` is the scene that the fit began with.
@@ -129,7 +129,7 @@ class Fitted:
             fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
         unclear = undetermined(keys, fit.values, shooting.sizes, covariance)
         return cls(
-            fitted_scene, fit.values, covariance, unclear, stretches, path, shooting, fit, settled
+            fitted_scene, fit.values, covariance, unclear, records, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
@@ -165,7 +165,7 @@ class Fitted:
     @property
     def sensor_noise(self) -> float:
         """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
-        return max(sensor_noise(part) for part in self.stretches)
+        return max(sensor_noise(part) for part in self.records)
 
     @property
     def adequate(self) -> bool:
@@ -177,7 +177,7 @@ class Fitted:
     def leaves_noise(self) -> bool:
         """Whether the residuals of the data kept aside are only noise, so that no model can
         be better."""
-        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.stretches)
+        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.records)
 
     @property
     def keys(self) -> list[str]:
@@ -192,7 +192,7 @@ class Fitted:
     @property
     def nrmse(self) -> float:
         """Normalized rms error of the first output over all stretches kept aside."""
-        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.stretches])))
+        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:

@@ -16,9 +16,9 @@ from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.drawing import draw, draw_posterior
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL, interval
-from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.identification.validation_record import ResponseRecord, sensor_noise
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.text import scene_text
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from harvester.identification.kept_aside import Kept
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
-    from harvester.identification.proof import Whiteness
     from harvester.identification.spring_shape import SpringShape
+    from harvester.identification.validation_record import Whiteness
     from harvester.identification.verdict import FitVerdict
     from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
@@ -223,7 +223,7 @@ class Identification(ResultBase):
         ]
         lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
-        for stretch in self.fitted.stretches:
+        for stretch in self.fitted.records:
             measured, predicted, difference = stretch.powers()
             name, unit = stretch.compared
             in_windows = f" in {_counted(stretch.windows, 'window')}" if stretch.long else ""
@@ -266,8 +266,8 @@ class Identification(ResultBase):
 
     def _fitted_part(self):
         """Text: the part of the records that was fitted."""
-        stretches = self.fitted.stretches
-        steady = sum(isinstance(stretch, ResponseStretch) for stretch in stretches)
+        stretches = self.fitted.records
+        steady = sum(isinstance(stretch, ResponseRecord) for stretch in stretches)
         lines = f"two of every three frequencies of {_counted(steady, 'record')}"
         if steady == len(stretches):
             return lines
@@ -300,7 +300,7 @@ class Identification(ResultBase):
                 "covariance": self.covariance,
                 "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
-                "records": [_record(stretch) for stretch in self.fitted.stretches],
+                "records": [_record(stretch) for stretch in self.fitted.records],
                 "misfits": list(self.misfits),
                 "spring_shape": self.spring_shape,
                 "visited": self.visited,

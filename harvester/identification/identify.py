@@ -110,9 +110,9 @@ def identify(
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.measurement import frequencies
     from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
     from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
+    from harvester.identification.validation_record import whiteness
     from harvester.identification.verdict import verdict
     from harvester.identification.visited import visited
 
@@ -188,7 +188,7 @@ def identify(
     if where:
         unseen = kept_aside(base, aside, where, left, seed, follow_last("records kept aside"))
     frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
-    white = whiteness(base.stretches[0], 0, 1.0 / frequency)
+    white = whiteness(base.records[0], 0, 1.0 / frequency)
     return Identification(
         scene=base.scene,
         start=scene,
@@ -214,7 +214,7 @@ def _of_impedance(scene, analysed, free, posterior, clock):
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import fitted_impedance
     from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
+    from harvester.identification.validation_record import whiteness
     from harvester.identification.verdict import impedance_verdict
 
     if free is not None:
@@ -231,7 +231,7 @@ def _of_impedance(scene, analysed, free, posterior, clock):
         fitted=base,
         kept=[],
         candidates=[Candidate("as given", base, 0.0, 0.0)],
-        whiteness=whiteness(base.stretches[0], 0, period),
+        whiteness=whiteness(base.records[0], 0, period),
         verdict=impedance_verdict(base),
         seconds=time.perf_counter() - clock,
         posterior=posterior_of(base, scene.run.seed) if posterior else None,

@@ -21,10 +21,10 @@ from harvester.device.piezo import PiezoTable
 from harvester.identification.fitting import Fitted
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.proof import predicted_lines
 from harvester.identification.response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import unknowns
+from harvester.identification.validation_record import predicted_lines
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 

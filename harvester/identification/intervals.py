@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.proof import noise_floor
 from harvester.identification.response import Experiment
 from harvester.identification.shooting import without_states
+from harvester.identification.validation_record import noise_floor
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit

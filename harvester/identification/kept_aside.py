@@ -21,11 +21,11 @@ from harvester.base.formatting import with_error
 from harvester.device import timescales
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.own_values import own_values
-from harvester.identification.proof import blocks_of, predicted, sensor_noise
 from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
+from harvester.identification.validation_record import blocks_of, predicted, sensor_noise
 from harvester.identification.visited import band
 from harvester.statistics.agreement import differ
 from harvester.statistics.attractors import repeats_in_noise
@@ -230,7 +230,7 @@ def _model_error(fitted, misfits):
     # Frequency responses have no power of a run.
     ratios = [
         max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate
-        for stretch in fitted.stretches
+        for stretch in fitted.records
         if stretch.long
     ]
     off = np.array([math.log(ratio) for ratio in ratios])

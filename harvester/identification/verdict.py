@@ -10,7 +10,7 @@ from harvester.base.formatting import share_with_error
 from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
 from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.proof import ResponseStretch, Whiteness, sensor_noise
+from harvester.identification.validation_record import ResponseRecord, Whiteness, sensor_noise
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
@@ -70,7 +70,7 @@ def verdict(
     shape : SpringShape, optional
         The spring beside one with the next power.
     """
-    if all(_is_noise(stretch, whiteness) for stretch in base.stretches):
+    if all(_is_noise(stretch, whiteness) for stretch in base.records):
         return FitVerdict("nothing", _nothing(base))
     claim, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
     if best.is_better:
@@ -118,12 +118,12 @@ def impedance_verdict(base: Fitted) -> FitVerdict:
 
 def _nothing(base):
     """A sentence that says that the records hold no motion to judge by."""
-    stretch = base.stretches[0]
+    stretch = base.records[0]
     cause = (
         f"and what was measured is noise (about {base.sensor_noise:.2%} of it); measure with a "
         "stronger excitation, and check"
     )
-    if isinstance(stretch, ResponseStretch) and stretch.smooth:
+    if isinstance(stretch, ResponseRecord) and stretch.smooth:
         cause = (
             "and what was measured is smooth and no noise; check the voltage's polarity "
             "(sensor.voltage_scale=-1 behind the file), the units of the phase, and"
@@ -169,7 +169,7 @@ def _fault(base, whiteness, misfits, kept, shape):
             f": {others[0].left:.0%} of the record {others[0].name}, kept aside, is left even in "
             f"windows: {_cause(others[0])}"
         )
-    if base.adequate or (whiteness.white and base.stretches[0].long):
+    if base.adequate or (whiteness.white and base.records[0].long):
         return None
     return ""
 
@@ -234,7 +234,7 @@ def _said(base, misfits, whiteness):
     worst records."""
     if not misfits:
         return (
-            f"{base.stretches[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "
+            f"{base.records[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "
             f"{base.sensor_noise:.2%} is the sensor's noise), residuals "
             f"{'white' if whiteness.white else 'correlated'}"
         )
@@ -272,6 +272,6 @@ def _is_noise(stretch, whiteness):
 
 def _power(base):
     """Predicted against measured power, in words, of the record with the largest difference."""
-    powers = [(stretch, stretch.powers()[2]) for stretch in base.stretches]
+    powers = [(stretch, stretch.powers()[2]) for stretch in base.records]
     stretch, difference = max(powers, key=lambda pair: abs(pair[1].estimate))
     return f", and the {stretch.compared[0]} to {share_with_error(difference)}"

@@ -12,7 +12,7 @@ from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import read_measurement
-from harvester.identification.proof import ResponseStretch
+from harvester.identification.validation_record import ResponseRecord
 from harvester.identification.verdict import _nothing
 from harvester.scene.numbers import numbers
 
@@ -200,9 +200,9 @@ def test_an_unexplained_response_is_noise_only_if_it_is_rough():
     rough = seen * np.exp(2j * np.pi * np.random.default_rng(10).random(FREQUENCY.size))
     for values, words in ((seen, "smooth and no noise; check the voltage's"), (rough, "noise")):
         parts = np.column_stack([values.real, values.imag])
-        stretch = ResponseStretch(
+        stretch = ResponseRecord(
             name="sweep.csv", outputs=("real part", "imaginary part"), rate=3.0, measured=parts,
             windowed=0.0 * parts, free=0.0 * parts, windows=1, resistance=None, frequency=FREQUENCY,
         )  # fmt: skip
-        base = SimpleNamespace(stretches=[stretch], nrmse=1.0, sensor_noise=1.0)
+        base = SimpleNamespace(records=[stretch], nrmse=1.0, sensor_noise=1.0)
         assert f"what was measured is {words}" in _nothing(base)

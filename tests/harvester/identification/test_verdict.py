@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harvester.identification.proof import (
-    ResponseStretch,
-    ValidationStretch,
+from harvester.identification.spring_shape import SpringShape
+from harvester.identification.validation_record import (
+    ResponseRecord,
+    ValidationRecord,
     sensor_noise,
     whiteness,
 )
-from harvester.identification.spring_shape import SpringShape
 from harvester.identification.verdict import verdict
 
 RATE, SAMPLES = 100.0, 4000
@@ -20,13 +20,13 @@ MOTION = np.sin(2.0 * np.pi * 5.0 * TIME)
 NOISE = np.random.default_rng(1).standard_normal(SAMPLES)
 
 
-def judged(measured, predicted, kind=ValidationStretch, shape=None, **more):
+def judged(measured, predicted, kind=ValidationRecord, shape=None, **more):
     """The verdict on one stretch, of a scene's own model alone."""
     columns = [each[:, None] if each.ndim == 1 else each for each in (measured, predicted)]
     stretch = kind("made.csv", ("voltage",), RATE, *columns, columns[1], 10, None, **more)
     noise, left = sensor_noise(stretch), stretch.nrmse()
     base = SimpleNamespace(
-        stretches=[stretch],
+        records=[stretch],
         nrmse=left,
         sensor_noise=noise,
         adequate=left**2 - min(noise, 0.5) ** 2 <= 0.05**2,
@@ -49,7 +49,7 @@ def test_white_noise_is_nothing_to_judge_by(predicted):
 def test_a_response_of_noise_is_nothing_to_judge_by():
     measured = NOISE[:400].reshape(200, 2)
     frequency = np.linspace(1.0, 40.0, 200)
-    found = judged(measured, 0.0 * measured, ResponseStretch, frequency=frequency)
+    found = judged(measured, 0.0 * measured, ResponseRecord, frequency=frequency)
     assert found.word == "nothing"
 
 

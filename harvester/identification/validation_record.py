@@ -30,7 +30,7 @@ WHITE_PERIODS = 1.0
 
 
 @dataclass(frozen=True)
-class ValidationStretch:
+class ValidationRecord:
     """Measured and simulated outputs of one experiment's stretch.
 
     Attributes
@@ -109,7 +109,7 @@ class ValidationStretch:
 
 
 @dataclass(frozen=True)
-class ResponseStretch(ValidationStretch):
+class ResponseRecord(ValidationRecord):
     """The frequencies of a measured response that were kept aside.
 
     Attributes
@@ -153,7 +153,7 @@ class ResponseStretch(ValidationStretch):
 
 
 @dataclass(frozen=True)
-class ImpedanceStretch(ResponseStretch):
+class ImpedanceRecord(ResponseRecord):
     """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
 
     quantity: ClassVar[str] = "impedance"
@@ -194,7 +194,7 @@ def predicted(
     fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
-) -> tuple[list[ValidationStretch], ShootingFit]:
+) -> tuple[list[ValidationRecord], ShootingFit]:
     """Motion and outputs of the fitted device in a stretch of each experiment.
 
     Parameters
@@ -206,7 +206,7 @@ def predicted(
 
     Returns
     -------
-    list of ValidationStretch
+    list of ValidationRecord
     ShootingFit
         The windows of the stretches with their starts.
     """
@@ -221,7 +221,7 @@ def predicted(
         outputs = experiment.measurement.outputs
         scene = experiment.scene
         predictions.append(
-            ValidationStretch(
+            ValidationRecord(
                 name=experiment.measurement.name,
                 outputs=tuple(outputs),
                 rate=experiment.measurement.sampling_rate,
@@ -235,7 +235,7 @@ def predicted(
     return predictions, settled
 
 
-def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
+def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseRecord:
     """Predictions of the lines of a response or an impedance that were kept aside."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
@@ -243,7 +243,7 @@ def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int)
     _, _, simulated = responses.states(number, values, edges, NO_STATES)
     frequency = measurement.frequency
     is_impedance = isinstance(measurement, MeasuredImpedance)
-    return (ImpedanceStretch if is_impedance else ResponseStretch)(
+    return (ImpedanceRecord if is_impedance else ResponseRecord)(
         name=measurement.name,
         outputs=tuple(measurement.outputs),
         rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
@@ -256,13 +256,13 @@ def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int)
     )
 
 
-def sensor_noise(stretch: ValidationStretch, output: int = 0) -> float:
+def sensor_noise(stretch: ValidationRecord, output: int = 0) -> float:
     """Noise of an output, as a share of its standard deviation, from the floor of its spectrum.
 
     Of a response it is the median of the residuals.
     """
     values, spread = stretch.measured[:, output], float(np.std(stretch.measured[:, output]))
-    if isinstance(stretch, ResponseStretch):
+    if isinstance(stretch, ResponseRecord):
         return stretch.noise(output)
     return noise_floor(values, stretch.rate) / spread
 
@@ -307,7 +307,7 @@ class Whiteness:
         return self.probability > 1e-3
 
 
-def whiteness(stretch: ValidationStretch, output: int, period: float) -> Whiteness:
+def whiteness(stretch: ValidationRecord, output: int, period: float) -> Whiteness:
     """Autocorrelation of a stretch's residuals over a period of the motion (s)."""
     from scipy.stats import chi2
 
