@@ -131,7 +131,8 @@ def _draw_densities(axes, stretch, label):
 
 
 def _draw_correlation(axes, found):
-    white, rate = found.whiteness, found.fitted.records[0].rate
+    record = found.records[0]
+    white, rate = record.whiteness(), record.rate
     lags = np.arange(1, white.correlations.size + 1) / rate
     axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)
     axes.axhspan(-white.bound, white.bound, color="0.85", lw=0)

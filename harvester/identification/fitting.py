@@ -18,7 +18,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.intervals import undetermined
+from harvester.identification.identifiability import undetermined
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.measurement import frequencies
 from harvester.identification.response import (
@@ -45,7 +45,6 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     ORIGIN,
-    Unknown,
     first_sizes,
     sizes_of,
     unknowns,
@@ -55,7 +54,6 @@ from harvester.identification.validation_record import (
     ValidationRecord,
     predicted,
     predicted_lines,
-    sensor_noise,
 )
 from harvester.scene.prepared import prepared
 
@@ -63,9 +61,6 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# A good model leaves at most this share of an output's rms beyond the sensor's noise.
-MISSED_SHARE = 0.05
-MOST_NOISE = 0.5
 # Two errors that differ by less than this share count as equal.
 NOTED = 0.02
 
@@ -127,57 +122,21 @@ class Fitted:
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
             # Later simulations under this record then interpolate it as the fit did.
             fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
-        unclear = undetermined(keys, fit.values, shooting.sizes, covariance)
+        unclear = undetermined(shooting.unknowns, fit.values, covariance)
         return cls(
             fitted_scene, fit.values, covariance, unclear, records, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
         """The same model with another covariance, which gives wider intervals."""
-        sizes = self.shooting.sizes
-        unclear = undetermined(self.keys, self.values, sizes, covariance)
+        unclear = undetermined(self.shooting.unknowns, self.values, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
-
-    def with_more(
-        self, added: Sequence[Unknown], sizes: dict[str, float], scene: Scene, keys: Sequence[str]
-    ) -> tuple[Shooting, ShootingFit] | None:
-        """The problem with more unknowns, linearized at the values that fit; None if it diverges.
-
-        Experiments get the spring of `scene`, in which the model's values have these keys.
-        """
-        free = [
-            unknown.begun(value)
-            for unknown, value in zip(unknowns(scene, keys, sizes), self.values, strict=True)
-        ]
-        free += added
-        experiments = self.shooting.responses.experiments
-        if scene is not self.scene:
-            force = [k or 0.0 for k in scene.oscillator.coefficients]
-            experiments = [
-                replace(other, scene=other.scene.replace({"oscillator.restoring_force": force}))
-                for other in experiments
-            ]
-        names = [unknown.key for unknown in free]
-        shooting = self.shooting.beside(self.shooting.responses.replaced(experiments, names), free)
-        fit = replace(self.fit, values=np.array([unknown.start for unknown in free]))
-        return (shooting, fit) if shooting.linearized(fit) else None
-
-    @property
-    def sensor_noise(self) -> float:
-        """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
-        return max(sensor_noise(part) for part in self.records)
-
-    @property
-    def adequate(self) -> bool:
-        """Whether the residuals of the data kept aside are little more than the sensor's noise."""
-        noise = min(self.sensor_noise, MOST_NOISE)
-        return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
 
     @property
     def leaves_noise(self) -> bool:
         """Whether the residuals of the data kept aside are only noise, so that no model can
         be better."""
-        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.records)
+        return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
 
     @property
     def keys(self) -> list[str]:
@@ -188,6 +147,12 @@ class Fitted:
     def standard_errors(self) -> np.ndarray:
         """Standard errors of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def relative_errors(self) -> dict[str, float]:
+        """Standard error of each value as a share of it, by its key."""
+        shares = self.standard_errors / np.maximum(np.abs(self.values), 1e-300)
+        return dict(zip(self.keys, map(float, shares), strict=True))
 
     @property
     def nrmse(self) -> float:

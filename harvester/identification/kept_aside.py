@@ -11,30 +11,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.base.formatting import with_error
 from harvester.device import timescales
-from harvester.identification.intervals import HALF_INTERVAL, HELD
+from harvester.identification.intervals import HELD
 from harvester.identification.own_values import own_values
 from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
-from harvester.identification.validation_record import blocks_of, predicted, sensor_noise
-from harvester.identification.visited import band
-from harvester.statistics.agreement import differ
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    Unexplained,
+    WholeRecord,
+    predicted,
+    root_mean_square,
+    within,
+)
+from harvester.identification.visited import BEYOND
 from harvester.statistics.attractors import repeats_in_noise
 from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
-    from harvester.identification.consistency import Misfit
     from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
+    from harvester.identification.validation_record import ValidationRecord
     from harvester.identification.visited import Visited
 
 # Number of likely sets of values, beside the best.
@@ -53,101 +58,24 @@ SINE, SINE_LINES = 0.9, 3
 # multiple of what is left of the worst fitted record, or this share of its rms. Records of a
 # measured beam with another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
-# A prediction is claimed while its run leaves the range of visited displacements, or the load that
-# of the loads, by at most this share, and the frequencies stay within this factor.
-BEYOND, BEYOND_BAND = 0.1, 1.5
-
-
-@dataclass(frozen=True)
-class Kept:
-    """One record kept aside.
-
-    Attributes
-    ----------
-    claimed : bool
-        Whether the model claims this record: one orbit for all likely values, within what the
-        fitted records visited.
-    why : str
-        Why not; empty where it does.
-    left : float
-        Of the first output in windows, beyond the sensor's noise, as a share of its standard
-        deviation.
-    follows : bool
-        Whether so little is left that the record may be of the fitted device.
-    agreement : float
-        Share of the likely values whose runs have the predicted orbit.
-    rms_unit : str
-        Unit of the first output; empty in a scaled scene.
-    quantity, unit : str
-        Quantity and unit of the powers.
-    measured_rms, predicted_rms, measured_power, predicted_power : Estimate
-        Estimates for the first output. They are predicted from one start alone, with the values'
-        error and that which runs and residuals of the fitted records show.
-    own : dict of str to Estimate
-        Values that were found in this record, with its residuals' error and that of the others.
-    """
-
-    name: str
-    claimed: bool
-    why: str
-    measured_orbit: str
-    predicted_orbit: str
-    left: float
-    follows: bool
-    agreement: float
-    rms_unit: str
-    quantity: str
-    unit: str
-    measured_rms: Estimate
-    predicted_rms: Estimate
-    measured_power: Estimate
-    predicted_power: Estimate
-    own: dict[str, Estimate]
-
-    @property
-    def holds(self) -> bool:
-        """Whether what was measured lies within the prediction: the orbit, rms and power."""
-        return (
-            self.measured_orbit == self.predicted_orbit
-            and _within(self.measured_rms, self.predicted_rms)
-            and _within(self.measured_power, self.predicted_power)
-        )
-
-    def __str__(self) -> str:
-        claim = "claimed" if self.claimed else f"not claimed ({self.why})"
-        outcome = "within its interval" if self.holds else "not as predicted"
-        measured, expected = (
-            f"{orbit}, rms {_text(rms, self.rms_unit)}, {self.quantity} {_text(power, self.unit)}"
-            for orbit, rms, power in (
-                (self.measured_orbit, self.measured_rms, self.measured_power),
-                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
-            )
-        )
-        values_of_record = self.own.items() if self.follows else ()
-        values = ", ".join(f"{key} = {_text(estimate, '')}" for key, estimate in values_of_record)
-        return (
-            f"{self.name}, kept aside: {claim}, {outcome}; measured {measured}; predicted "
-            f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
-            f"{f', with {values}, found in this record' if values else ''}"
-        )
 
 
 def kept_aside(
     fitted: Fitted,
     measurements: Sequence[Measurement],
     visited: Visited,
-    misfits: Sequence[Misfit],
+    records: Sequence[ValidationRecord],
     seed: int,
     report: Callable[[float], object] = lambda share: None,
-) -> list[Kept]:
+) -> list[WholeRecord]:
     """A fit's predictions of records that were not fitted.
 
     Parameters
     ----------
     visited : Visited
         Ranges that the fitted records visited.
-    misfits : sequence of Misfit
-        Misfits of the fitted records.
+    records : sequence of ValidationRecord
+        What the fit leaves of its own records.
     seed : int
         Seed of the values that are drawn.
     report : callable, optional
@@ -155,14 +83,22 @@ def kept_aside(
     """
     if not measurements:
         return []
-    model_error = _model_error(fitted, misfits)
+    model_error = _model_error(records)
     values = _likely(fitted, seed, model_error)
-    worst = max((misfit.systematic for misfit in misfits if not misfit.is_noise), default=0.0)
-    most = max(FOLLOWS * worst, FOLLOWS_SHARE)
+    worst = max(
+        (
+            part.systematic
+            for record in records
+            for part in record.unexplained
+            if record.long and not part.is_noise
+        ),
+        default=0.0,
+    )
+    limit = max(FOLLOWS * worst, FOLLOWS_SHARE)
     predictions = []
     for number, record in enumerate(measurements):
         report(number / len(measurements))
-        predictions.append(_of_record(fitted, record, visited, values, model_error, most))
+        predictions.append(_of_record(fitted, record, visited, values, model_error, limit))
     return predictions
 
 
@@ -206,19 +142,19 @@ def _fitted_runs(fitted, values):
         x = states[late:, 0]
         orbit = _orbit(x, saddles, np.array([0, x.size]), repeats)
         seen = fitted.shooting.seen(number, span)
-        runs.append((orbit, _root(outputs[late:]), _root(seen[late:])))
+        runs.append((orbit, root_mean_square(outputs[late:]), root_mean_square(seen[late:])))
     return runs
 
 
 def _agree(runs, own, model_error):
     """Whether runs have the orbits of the best values, and the measured rms within its error."""
     return all(
-        orbit == expected and _within(measured, _with_error(rms, [rms.estimate], 0.5 * model_error))
+        orbit == expected and within(measured, _with_error(rms, [rms.estimate], 0.5 * model_error))
         for (orbit, rms, measured), (expected, _, _) in zip(runs, own, strict=True)
     )
 
 
-def _model_error(fitted, misfits):
+def _model_error(records):
     """Relative standard error of the power that the fitted records show.
 
     Of their runs from one start; and of what follows from the motion in windows and is not in the
@@ -228,63 +164,67 @@ def _model_error(fitted, misfits):
     from scipy.stats import t
 
     # Frequency responses have no power of a run.
+    in_time = [record for record in records if record.long]
     ratios = [
-        max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate
-        for stretch in fitted.records
-        if stretch.long
+        max(record.free_power().estimate, 1e-300) / record.powers()[0].estimate
+        for record in in_time
     ]
-    off = np.array([math.log(ratio) for ratio in ratios])
-    missed = np.array([0.0 if misfit.is_noise else 2.0 * misfit.systematic for misfit in misfits])
-    error = math.sqrt(float(np.mean(off**2)) + float(np.mean(missed**2)))
-    return error * float(t.ppf(0.5 + 0.5 * HELD, off.size)) / HALF_INTERVAL
+    missed = [
+        0.0 if part.is_noise else 2.0 * part.systematic
+        for record in in_time
+        for part in record.unexplained
+    ]
+    error = math.hypot(*(float(np.sqrt(np.mean(np.square(v)))) for v in (np.log(ratios), missed)))
+    return error * float(t.ppf(0.5 + 0.5 * HELD, len(ratios))) / HALF_INTERVAL
 
 
-def _of_record(fitted, measurement, visited, values, model_error, most):
-    """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
+def _of_record(fitted, measurement, visited, values, model_error, limit):
+    """Compare one record kept aside with its prediction."""
     shooting, noise = _shooting(fitted, measurement)
-    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
-    stretch, settled = _settled(shooting, values[0], noise, reach)
+    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, limit)
+    record, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
     followed = shooting.states(settled, 0)[:, 0]
     repeats = _repeats(measurement)
     late = int(FORGOTTEN * followed.size)
-    measured = _orbit(followed, saddles, edges, repeats)
     runs = [_run(shooting, draw, starts[:1], late) for draw in values]
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
-    late_stretch = replace(
-        stretch, measured=stretch.measured[late:], windowed=stretch.windowed[late:], free=runs[0][1]
-    )
-    quantity, unit = stretch.compared
-    why = _why_not(visited, responses, runs[0][0])
+    parts = []
+    for number, name in enumerate(record.outputs):
+        left, floor = record.nrmse(number), record.noise(number)
+        beyond = math.sqrt(max(left**2 - floor**2, 0.0))
+        parts.append(Unexplained(name, left, floor, beyond, math.nan, beyond <= limit))
+    outside = visited.excludes(responses, runs[0][0])
     if agreement < 1.0:
-        why = "likely values lead to different orbits"
-    left = math.sqrt(max(stretch.nrmse() ** 2 - sensor_noise(stretch) ** 2, 0.0))
-    if left > most:
+        outside = "likely values lead to different orbits"
+    if parts[0].beyond > limit:
         cause = "with the value found in it" if measurement.own else "another tilt, load or sensor"
-        why = f"{left:.0%} of it is left even in windows: {cause}"
-    return Kept(
-        name=measurement.name,
-        claimed=not why,
-        why=why,
-        measured_orbit=measured,
+        outside = f"{parts[0].beyond:.0%} of it is left even in windows: {cause}"
+    shown = {
+        "measured": record.measured[late:],
+        "windowed": record.windowed[late:],
+        "unexplained": tuple(parts),
+    }
+    late_record = replace(record, **shown, free=runs[0][1])
+    return WholeRecord(
+        **vars(late_record),
+        outside=outside,
+        limit=limit,
+        measured_orbit=_orbit(followed, saddles, edges, repeats),
         predicted_orbit=orbits[0],
-        left=left,
-        follows=left <= most,
         agreement=agreement,
         rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
-        quantity=quantity,
-        unit=unit,
-        measured_rms=_root(late_stretch.measured),
         predicted_rms=_with_error(
-            _root(runs[0][1]), [_root(outputs).estimate for _, outputs in runs], 0.5 * model_error
+            root_mean_square(runs[0][1]),
+            [root_mean_square(outputs).estimate for _, outputs in runs],
+            0.5 * model_error,
         ),
-        measured_power=late_stretch.powers()[0],
         predicted_power=_with_error(
-            late_stretch.free_power(),
-            [replace(late_stretch, free=outputs).free_power().estimate for _, outputs in runs],
+            late_record.free_power(),
+            [replace(late_record, free=outputs).free_power().estimate for _, outputs in runs],
             model_error,
         ),
         own={
@@ -296,7 +236,7 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
     )
 
 
-def _with_own(fitted, measurement, visited, values, noise, most):
+def _with_own(fitted, measurement, visited, values, noise, limit):
     """Likely values with those of the record's own, the latter alone, and where the mass may be."""
     ends = np.array(visited.displacement) / fitted.shooting.responses.length
     # A record may lie in the other well: starts are tried on both sides.
@@ -306,7 +246,7 @@ def _with_own(fitted, measurement, visited, values, noise, most):
     low, high = float(ends.min()), float(ends.max())
     interval = (low - BEYOND * (high - low), high + BEYOND * (high - low))
     local_values, errors, reach = own_values(
-        fitted, measurement, values, (-farthest, farthest), interval, noise, most
+        fitted, measurement, values, (-farthest, farthest), interval, noise, limit
     )
     # A key that the fit has too is the record's own here.
     indices = np.flatnonzero([key in measurement.own for key in fitted.keys])
@@ -394,32 +334,6 @@ def _orbit(x, saddles, edges, period):
     return f"in well {number + 1} from the left{repeats}"
 
 
-def _why_not(visited, responses, x):
-    """Why a record lies outside the fitted records' ranges; empty if it lies within them."""
-    low = min(interval[0] for interval in visited.displacement)
-    high = max(interval[1] for interval in visited.displacement)
-    margin = BEYOND * (high - low)
-    x = x * responses.length
-    if x.min() < low - margin or x.max() > high + margin:
-        return "the run leaves the visited displacements"
-    record = responses.experiments[0]
-    load = float(record.scene.load.resistance)
-    if not (1.0 - BEYOND) * min(visited.loads) <= load <= (1.0 + BEYOND) * max(visited.loads):
-        return "its load was not visited"
-    slowest, fastest = band([record.measurement])
-    if slowest < visited.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * visited.frequency[1]:
-        return "its frequencies were not visited"
-    return ""
-
-
-def _root(values):
-    """rms of the first output with the error of its blocks."""
-    squares = np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])])
-    rms = math.sqrt(float(np.mean(squares)))
-    error = float(np.std(squares, ddof=1)) / math.sqrt(squares.size) / (2.0 * rms) if rms else 0.0
-    return Estimate(rms, error, float(squares.size), "1")
-
-
 def _with_error(estimate, drawn, model_error):
     """An estimate with the errors of the values and of the model beside its own."""
     others = np.array(drawn) - drawn[0]
@@ -431,19 +345,7 @@ def _with_error(estimate, drawn, model_error):
     return replace(estimate, standard_error=error)
 
 
-def _within(measured, expected):
-    """Whether a measured value lies within its prediction's 95 % interval."""
-    error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
-    difference = measured.estimate - expected.estimate
-    return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
-
-
 def _unit(measurement):
     """Unit of the first output."""
     name = next(iter(measurement.outputs))
     return "V" if name == "velocity" and measurement.velocity_in_volts else OUTPUT_UNITS[name]
-
-
-def _text(each, unit):
-    """An estimate as text with half of its 95 % interval."""
-    return with_error(replace(each, standard_error=HALF_INTERVAL * each.standard_error), unit)

@@ -15,11 +15,15 @@ from harvester.scene.numbers import numbers
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
+    from harvester.identification.response import Responses
 
 # The visited frequencies lie between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
 # A place may lie outside the visited displacements by this share of their range.
 MARGIN = 0.02
+# A prediction is claimed while its run leaves the range of visited displacements, or the load that
+# of the loads, by at most this share, and the frequencies stay within this factor.
+BEYOND, BEYOND_BAND = 0.1, 1.5
 SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
 
@@ -67,6 +71,23 @@ class Visited:
             f"{' m/s' if self.si else ''}, frequency {low:.3g} … {high:.3g}"
             f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
+
+    def excludes(self, responses: Responses, x: np.ndarray) -> str:
+        """Why a run (scaled displacements) of the only record of `responses` lies outside these
+        ranges; empty if it lies within them."""
+        low = min(interval[0] for interval in self.displacement)
+        high = max(interval[1] for interval in self.displacement)
+        margin, x = BEYOND * (high - low), x * responses.length
+        if x.min() < low - margin or x.max() > high + margin:
+            return "the run leaves the visited displacements"
+        record = responses.experiments[0]
+        load = float(record.scene.load.resistance)
+        if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
+            return "its load was not visited"
+        slowest, fastest = band([record.measurement])
+        if slowest < self.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * self.frequency[1]:
+            return "its frequencies were not visited"
+        return ""
 
     def _length(self, value):
         return f"{1e3 * value if self.si else value:.3g}"

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
 from harvester.identification.spring_shape import SpringShape
+
 from harvester.identification.validation_record import (
     ResponseRecord,
     ValidationRecord,
