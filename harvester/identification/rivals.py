@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
 FORCE = "oscillator.restoring_force[{}]"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
+# Share of a size that is too little to change the motion.
+LITTLE = 1e-6
 DRAG, LOAD = "oscillator.quadratic_damping", "load.resistance"
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
@@ -218,7 +220,8 @@ def _of_the_best(models):
     """Models that predict as well as the best, within two standard errors or `NOTED`."""
     better = [model for model in models if model.is_better and model.explains]
     if not better:
-        return [model for model in models if model.fitted and model.is_as_good]
+        tried = [model for model in models if model.fitted and not model.is_better]
+        return [model for model in tried if model.is_as_good]
     best = min(better, key=lambda model: model.better)
     return [
         model
@@ -365,6 +368,9 @@ def _problem(base, keys, sizes):
     scene, free = base.scene, base.keys
     powers = [n for n in range(HIGHEST_POWER + 1) if FORCE.format(n) in keys]
     experiments = base.shooting.responses.experiments
+    if DRAG in keys:
+        # A drag of 0 is no number of a scene.
+        scene = scene.replace({DRAG: LITTLE * sizes[DRAG]})
     if powers:
         force = _coefficients(scene)
         spring = {"oscillator.restoring_force": [*force, *[0.0] * (max(powers) + 1 - len(force))]}
@@ -399,7 +405,7 @@ def _further(base, parts, measurements, sizes):
         members = [names.index(key, count) for key in further]
         gain, step = _promised(equations, [*range(count), *members])
         one_sided = part.record is None and any(
-            shooting.low[n] >= fit.values[n] and step[count + k] <= 0.0
+            fit.values[n] - shooting.low[n] <= LITTLE * shooting.sizes[n] and step[count + k] <= 0.0
             for k, n in enumerate(members)
         )
         promises.append((0.0 if one_sided else (gain - least) / fit.cost, part, step))
