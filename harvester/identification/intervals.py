@@ -79,25 +79,25 @@ class NormalEquations:
     @property
     def step(self) -> np.ndarray:
         """Change of all columns' values that lowers the cost most, to first order."""
-        return -_inverse(self._regular()[0]) @ self.gradient
+        return -_inverse(self.normal + _ridge(self.normal)) @ self.gradient
 
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of all columns' values."""
-        normal, meat, blocks, noise = self._regular()
-        inverse = _inverse(normal)
-        sandwich = inverse @ meat @ inverse
+        ridge = _ridge(self.normal)
+        inverse = _inverse(self.normal + ridge)
+        meat, blocks, noise = self.meats
+        sandwich = inverse @ (meat + ridge) @ inverse
         least = np.maximum(*(np.diag(inverse @ matrix @ inverse) for matrix in (blocks, noise)))
         shares = np.sqrt(np.maximum(least / np.diag(sandwich), 1.0))
         return sandwich * np.outer(shares, shares)
 
-    def _regular(self):
-        """All matrices, such that a value without any effect has a finite variance, the largest."""
-        sizes = np.diag(self.normal).copy()
-        sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
-        ridge = SMALLEST_EIGENVALUE * np.diag(sizes)
-        meat, *others = self.meats
-        return self.normal + ridge, meat + ridge, *others
+
+def _ridge(normal):
+    """Matrix that gives a value without any effect a finite variance, the largest."""
+    sizes = np.diag(normal).copy()
+    sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
+    return SMALLEST_EIGENVALUE * np.diag(sizes)
 
 
 def normal_equations(
@@ -124,11 +124,11 @@ def normal_equations(
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
     # Residuals that an error of a known value has caused are no noise.
-    step = -_inverse(normal) @ gradient if further else 0.0 * gradient
+    step = -_inverse(normal + _ridge(normal)) @ gradient if further else 0.0 * gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
-        free = left.shape[0] - 3 * (fit.edges[number].size - 2) - p
+        free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
         scores = np.einsum("noi,no->ni", columns, left)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
         noise = covariance_of_scores(shooting, fit, number, states, left, columns)
