@@ -426,7 +426,7 @@ def _further(base, parts, measurements, sizes):
 
 
 def _equations(shooting, fit, records):
-    """Normal equations of all unknowns and of some records' loads (ln R); or None."""
+    """Normal equations of all unknowns and some records' loads (ln R); None where it diverges."""
 
     def of_loads(number: int, left: np.ndarray) -> np.ndarray:
         columns = np.zeros((*left.shape, len(records)))
@@ -438,8 +438,9 @@ def _equations(shooting, fit, records):
                 columns[..., records.index(number)] = (moved - left) / LOAD_STEP
         return columns
 
-    # Where the device diverges, there are none.
-    return normal_equations(shooting, fit, of_loads) if math.isfinite(shooting.cost(fit)) else None
+    if not math.isfinite(shooting.cost(fit)):
+        return None
+    return normal_equations(shooting, fit, of_loads if records else None)
 
 
 def _with_load_of(shooting, number, factor):

@@ -43,8 +43,6 @@ NOISE_SEGMENTS = 16
 MOST_BASE_NOISE = 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
-# A response is smooth if neighbours differ by less than this many variances: noise has 2.
-ROUGH = 1.0
 # Longest lag of the autocorrelation, in periods of the motion.
 WHITE_PERIODS = 1.0
 # Fitted states of each window: displacement, velocity and the transducer's state.
@@ -249,12 +247,6 @@ class ResponseRecord(ValidationRecord):
         """
         size = NORMAL_RMS * float(np.median(np.abs(self.residuals[:, output])))
         return size / float(np.std(self.measured[:, output]))
-
-    @property
-    def smooth(self) -> bool:
-        """Whether neighbouring frequencies resemble each other, as those of noise do not."""
-        steps = np.sum(np.diff(self.measured, axis=0) ** 2) / (len(self.measured) - 1)
-        return bool(steps < ROUGH * np.var(self.measured, axis=0).sum())
 
     def explained(self) -> Estimate:
         """Share of the response's square that the model explains, both parts together."""

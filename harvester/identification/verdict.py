@@ -31,7 +31,6 @@ from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
     ImpedanceRecord,
-    ResponseRecord,
     ValidationRecord,
     WholeRecord,
 )
@@ -134,10 +133,7 @@ class Rule(NamedTuple):
 def _nothing(evidence):
     if any(record.shows_motion for record in evidence.records):
         return None
-    record = evidence.records[0]
-    if isinstance(record, ResponseRecord) and record.smooth:
-        return "what was measured is smooth and no noise"
-    return f"about {record.noise():.0%} of what was measured is noise"
+    return f"about {evidence.records[0].noise():.0%} of what was measured is noise"
 
 
 def _better_rival(evidence):

@@ -92,7 +92,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     found = identify(start, record(truth, 11, samples=2000))
     assert found.verdict.word == "wrong"
     assert found.proposed.name == "asymmetric spring"
-    assert not found.whiteness.white
+    assert not found.records[0].whiteness().white
     assert found.proposed.fitted.nrmse < 0.5 * found.fitted.nrmse
 
 

@@ -54,7 +54,7 @@ def test_a_spring_s_values_lie_within_what_another_power_leaves():
     """A softening spring of fifth degree under single sines, fitted by a cubic one."""
     scene, records, truth, _ = a_set(0, "softening spring")
     found = identify(scene, records, compare=False)
-    shape, key = found.spring_shape, "oscillator.restoring_force[3]"
+    shape, key = found.evidence.spring, "oscillator.restoring_force[3]"
     off = abs(found.values[key] / numbers(truth)[key][0] - 1.0)
     assert off > 0.1
     assert off < shape.halves[key]
@@ -132,6 +132,6 @@ def test_a_record_kept_aside_is_claimed_and_lies_within_its_interval():
     assert inside.claimed
     assert inside.holds
     assert not beyond.claimed
-    assert beyond.why == "the run leaves the visited displacements"
+    assert beyond.outside == "the run leaves the visited displacements"
     assert found.verdict.word == "predicts"
-    assert "it claims 1 of 2 records kept aside" in found.verdict.sentence
+    assert found.verdict.sentence.endswith("1 of 2 records kept aside are claimed, and hold")
