@@ -171,6 +171,7 @@ def identify(
     sizes = fitted_sizes(base, measurements)
     left = validated(base)
     explained = all(record.is_explained for record in left)
+    narrow = base
     if base.settled and not explained:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
@@ -188,7 +189,7 @@ def identify(
         spring=rivals.next_power(base, sizes) if explained else None,
         errors=base.relative_errors,
         assumptions=assumptions(base) if explained else [],
-        whole=kept_aside(base, aside, where, left, scene.run.seed, follow_last) if where else [],
+        whole=kept_aside(narrow, aside, where, left, scene.run.seed, follow_last) if where else [],
         visited=where,
     )
     return _concluded(

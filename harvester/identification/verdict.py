@@ -296,17 +296,23 @@ def findings(evidence: Evidence) -> list[str]:
             f"it claims {len(claimed)} of {len(evidence.whole)} records kept aside, and {held} of "
             f"those lie within their intervals{widths and f', of {widths.strip()} of the rms'}"
         )
-    best = proposed(evidence.rivals) if evidence.rivals else None
-    for rival in evidence.rivals[1:]:
+    return lines + _rival_lines(evidence.rivals)
+
+
+def _rival_lines(rivals):
+    """What each rival leaves; those that were not tried by their reason."""
+    best = proposed(rivals) if rivals else None
+    lines, untried = [], {}
+    for rival in rivals[1:]:
         if rival.fitted is None:
-            lines.append(f"rival {rival.name}: {rival.remark}")
+            untried.setdefault(rival.remark, []).append(rival.name)
             continue
         end = "proposed" if rival is best else "only noise" if rival.explains else "more than noise"
         lines.append(
             f"rival {rival.name}: {len(rival.fitted.keys)} values, leaves {rival.fitted.nrmse:.2%}"
             f" NRMSE, {end}"
         )
-    return lines
+    return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
 
 
 def _is_gain(key):
