@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.identifiability import Undetermined
     from harvester.identification.impedance_fit import FromImpedance
+    from harvester.identification.kept_aside import Visited
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
     from harvester.identification.verdict import Evidence, FitVerdict
-    from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
 
 

@@ -104,12 +104,11 @@ def identify(
     from harvester.identification.identifiability import assumptions
     from harvester.identification.impedance_fit import fitted_impedance, from_impedance
     from harvester.identification.intervals import moved_by_records
-    from harvester.identification.kept_aside import kept_aside
+    from harvester.identification.kept_aside import kept_aside, visited
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.validation_record import validated
     from harvester.identification.verdict import Evidence
-    from harvester.identification.visited import visited
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
@@ -177,7 +176,13 @@ def identify(
         base = base.with_covariance(base.covariance + moved)
     models = [rivals.Rival("as given", base, explains=explained)]
     if compare and any(record.acceleration is not None for record in measurements):
-        models = rivals.rival_models(models[0], measurements, sizes, scene)
+        models = rivals.rival_models(
+            models[0],
+            measurements,
+            sizes,
+            scene,
+            lambda name: follow(MODELS_BEGIN, f"rival model: {name}"),
+        )
 
     def follow_last(share: float) -> None:
         follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, "records kept aside")

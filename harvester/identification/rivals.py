@@ -9,7 +9,7 @@ noise and no other promises nearly as much.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -143,7 +143,11 @@ class _Part(NamedTuple):
 
 
 def rival_models(
-    own: Rival, measurements: Sequence[Measurement], sizes: dict[str, float], start: Scene
+    own: Rival,
+    measurements: Sequence[Measurement],
+    sizes: dict[str, float],
+    start: Scene,
+    report: Callable[[str], object],
 ) -> list[Rival]:
     """The scene's own model first, then its rivals.
 
@@ -153,22 +157,27 @@ def rival_models(
         Sizes from the fitted motion.
     start : Scene
         The scene before the fit.
+    report : callable
+        Called with the name of each rival before it is fitted.
     """
     base = own.fitted
     assert base is not None
     models = [own]
     for name, scene, keys in _plainer(base.scene, base.keys):
+        report(name)
         models.append(_tried(name, base, scene, measurements, keys, sizes, base))
     parts = _parts(base, measurements, sizes)
-    models += _further(base, parts, measurements, sizes)
+    models += _further(base, parts, measurements, sizes, report)
     if own.explains or any(model.explains and model.is_better for model in models):
         return models
     # Large differences, to which no fit leads that begins at the wrong model.
     for name, scene, keys in _structures(start, base.keys, sizes):
+        report(name)
         models.append(_tried(name, base, scene, measurements, keys, sizes, None))
     if isinstance(measurements[0], MeasuredResponse):
         return models
     for name, records in turned(measurements):
+        report(name)
         models.append(_tried(name, base, start, records, base.keys, sizes, None))
     return models
 
@@ -386,7 +395,7 @@ def _problem(base, keys, sizes):
     return shooting, replace(base.fit, values=np.array([one.start for one in every])), scene
 
 
-def _further(base, parts, measurements, sizes):
+def _further(base, parts, measurements, sizes, report):
     """Rivals with a further part, in the order of what they promise."""
     if not parts:
         return []
@@ -417,6 +426,7 @@ def _further(base, parts, measurements, sizes):
         elif number >= MOST_FITTED or (enough and promise < NEARLY_AS_MUCH * promises[0][0]):
             remark = f"not tried: it promises less, {promise:.0%} of the residuals' square"
         else:
+            report(part.name)
             fit_it = _with_part if part.record is None else _with_load
             models.append(fit_it(base, part, measurements, sizes, step))
             enough = enough or (models[-1].explains and models[-1].is_better)

@@ -37,7 +37,7 @@ from harvester.identification.validation_record import (
 
 if TYPE_CHECKING:
     from harvester.identification.identifiability import Assumption
-    from harvester.identification.visited import Visited
+    from harvester.identification.kept_aside import Visited
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,8 @@ class Evidence:
     @property
     def left(self) -> str:
         """Text: what is left of the worst record, and what noise would leave."""
-        worst = self.worst
-        part = worst.worst
-        of_record = f" of {worst.name}" if len(self.records) > 1 else ""
-        return f"{part.output}{of_record} to {part.left:.2%} ({part.noise:.2%} is noise)"
+        part = self.worst.worst
+        return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
 
     @property
     def worst(self) -> ValidationRecord:
@@ -139,9 +137,8 @@ def _nothing(evidence):
 def _better_rival(evidence):
     if not evidence.rivals or not (best := proposed(evidence.rivals)).is_better:
         return None
-    others = [rival.name for rival in undecided(evidence.rivals)]
-    either = f" or {others[0]}" if others else ""
-    return f"{best.name}{either} leaves {best.fitted.nrmse:.2%} and is proposed"
+    others = ", or another," if undecided(evidence.rivals) else ""
+    return f"{best.name}{others} leaves {best.fitted.nrmse:.2%} and is proposed"
 
 
 def _unexplained(evidence):
@@ -191,7 +188,7 @@ def _uncertain_spring(evidence):
     if evidence.spring is None or not evidence.spring.uncertain:
         return None
     key, half = max(evidence.spring.uncertain.items(), key=lambda item: item[1])
-    return f"the records do not tell its spring from others: {_name(key)} ± {half:.0%}"
+    return f"the records do not tell its spring from others: {_name(key)} {_share(half)}"
 
 
 RULES = (
@@ -284,7 +281,7 @@ def findings(evidence: Evidence) -> list[str]:
         )
     lines += [
         f"with a term of power {spring.power} too, which the records do not exclude, they tell "
-        f"{_name(key)} to ± {half:.0%} (95 %)"
+        f"{_name(key)} to {_share(half)} (95 %)"
         for key, half in (spring.uncertain if spring else {}).items()
     ]
     lines += map(str, evidence.whole)
@@ -301,13 +298,17 @@ def findings(evidence: Evidence) -> list[str]:
 
 def _rival_lines(rivals):
     """What each rival leaves; those that were not tried by their reason."""
-    best = proposed(rivals) if rivals else None
+    best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
     lines, untried = [], {}
     for rival in rivals[1:]:
         if rival.fitted is None:
             untried.setdefault(rival.remark, []).append(rival.name)
             continue
-        end = "proposed" if rival is best else "only noise" if rival.explains else "more than noise"
+        end = "only noise" if rival.explains else "more than noise"
+        if rival is best:
+            end = "proposed"
+        elif rival in equal:
+            end = "as good as the proposed one"
         lines.append(
             f"rival {rival.name}: {len(rival.fitted.keys)} values, leaves {rival.fitted.nrmse:.2%}"
             f" NRMSE, {end}"
@@ -336,6 +337,11 @@ def _power(record):
     if record.windows > 1:
         text += f"; from one start alone {with_error(record.free_power(), unit)}"
     return text
+
+
+def _share(half):
+    """Text: half of a relative interval."""
+    return f"± {half:.0%}" if half < 1.0 else "not at all"
 
 
 def _half_width(record):
