@@ -189,20 +189,27 @@ class Identification(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval and unit."""
-        header = ["parameter", "value", "95 % interval", "unit", "state"]
-        rows = []
-        for key, value in self.values.items():
-            state, (low, high) = self._state(key), self.intervals[key]
-            printed = value_and_error(value, HALF_INTERVAL * self.standard_errors[key])
-            cells = [printed, f"{low:.5g} … {high:.5g}"]
-            if state == "undetermined":
-                cells = [Printed("undetermined", value), "—"]
-            rows.append([key, *cells, self._unit(key), state])
+        header, rows = ["parameter", "value", "95 % interval", "unit", "state"], self._rows()
         if self.posterior:
             header.append("posterior's 95 %")
-            for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
-                row.append(f"{low:.5g} … {high:.5g}")
+            for row, ends in zip(rows, self.posterior.intervals.values(), strict=True):
+                row.append(_interval(*ends))
         return header, rows
+
+    def _rows(self, rival=None):
+        """Name, value, interval, unit and state of each value of a model."""
+        model, rows = rival or self.fitted, []
+        unclear = {key for direction in model.undetermined for key in direction.keys}
+        for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
+            cells = [
+                value_and_error(value, HALF_INTERVAL * error),
+                _interval(*interval(value, error)),
+            ]
+            state = "identified" if rival else self._state(key)
+            if key in unclear:
+                cells, state = [Printed("undetermined", value), "—"], "undetermined"
+            rows.append([key, *cells, self._unit(key), state])
+        return rows
 
     def _unit(self, key):
         """Unit of a value, empty where it has none."""
@@ -241,7 +248,11 @@ class Identification(ResultBase):
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
         lines += findings(self.evidence)
         if self.proposed is not self.rivals[0]:
-            lines += [f"proposed: {line}" for line in self._sensors(self.proposed.fitted)]
+            lines += [
+                f"proposed: free {' = '.join(row[:2])} (--free {row[0]})"
+                for row in self._rows(self.proposed.fitted)
+                if row[0].startswith("sensor.") and row[0] not in self.keys
+            ]
         if self.posterior:
             lines.append(
                 f"posterior: {self.posterior.independent:.0f} independent draws, "
@@ -253,15 +264,6 @@ class Identification(ResultBase):
             f"{self.seconds:.1f} s"
         )
         return lines
-
-    def _sensors(self, other):
-        """Sensor effects of another model that this one lacks, in words."""
-        effects = zip(other.keys, other.values, other.standard_errors, strict=True)
-        return [
-            f"{key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}, to be freed by --free {key}"
-            for key, value, error in effects
-            if key.startswith("sensor.") and key not in self.keys
-        ]
 
     def _fitted_part(self):
         """Text: the part of the records that was fitted."""
@@ -338,15 +340,10 @@ class Identification(ResultBase):
         for direction in model.undetermined:
             comments |= {key: "not determined by the records" for key in direction.keys}
         names = ", ".join(record.name for record in self.measurements)
-        sensors = [
-            f"{key} = {value:.6g} ± {errors[key]:.2g} (95 %)"
-            for key, value in zip(model.keys, model.values, strict=True)
-            if key.startswith("sensor.")
-        ]
         path = f'Between samples of a record: interpolation = "{model.interpolation}".'
-        rows = ["; ".join(filter(None, row)) for row in self._table()[1]]
+        rows = ["; ".join(filter(None, row)) for row in self._rows(rival and rival.fitted)]
         heading = [self.verdict.sentence, f"Identified from {names}.", *rows, *self._findings()]
-        return scene_text(model.scene, comments, [*heading, path, *sensors])
+        return scene_text(model.scene, comments, [*heading, path])
 
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
@@ -354,12 +351,6 @@ class Identification(ResultBase):
 
         verdicts = [page.Verdict(self.verdict.sentence, self.verdict.good)]
         verdicts += map(page.Verdict, self._findings())
-        models = [
-            (rival.name, str(len(rival.fitted.keys)), f"{rival.fitted.nrmse:.2%}")
-            if rival.fitted
-            else (rival.name, "", rival.remark)
-            for rival in self.rivals
-        ]
         name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
         proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
         sections = {
@@ -370,7 +361,6 @@ class Identification(ResultBase):
         if self.posterior:
             picture = figures.picture(draw_posterior, self)
             sections["Posterior"] = page.figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
-        sections["Models"] = page.wide(page.table_of(("model", "values", "NRMSE"), models))
         sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
         about = f"scene {self.scene.digest()[:12]}"
         return page.page(f"{name}: identified from {records}", about, sections)
@@ -387,6 +377,10 @@ def _condition(known):
     """Text: what a value is only as right as."""
     names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
+
+
+def _interval(low, high):
+    return f"{low:.5g} … {high:.5g}"
 
 
 def _counted(count, noun):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -84,7 +84,7 @@ class Rival(NamedTuple):
     """
 
     name: str
-    fitted: Fitted | None
+    fitted: Any
     better: float = 0.0
     error: float = 0.0
     explains: bool = False
@@ -161,7 +161,6 @@ def rival_models(
         Called with the name of each rival before it is fitted.
     """
     base = own.fitted
-    assert base is not None
     models = [own]
     for name, scene, keys in _plainer(base.scene, base.keys):
         report(name)
@@ -261,7 +260,7 @@ def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, li
     force = _coefficients(scene)
     degree = _degree(force)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
-    options = []
+    options: list[tuple[str, list[float], Sequence[int]]] = []
     if even:
         odd = [0.0 if n in even else k for n, k in enumerate(force)]
         options.append(("symmetric spring", odd, even))

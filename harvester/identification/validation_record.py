@@ -204,7 +204,7 @@ class ValidationRecord:
         """
         explained = self.explained()
         chance = FITTED_STATES * self.windows / len(self.measured)
-        if explained.estimate > chance + SURE * explained.standard_error:
+        if explained.estimate > chance + SURE * (explained.standard_error or 0.0):
             return True
         return self.noise() < MOSTLY_NOISE and not (self.long and self.whiteness().white)
 

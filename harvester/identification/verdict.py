@@ -279,11 +279,12 @@ def findings(evidence: Evidence) -> list[str]:
             f"{abs(spring.significance):.1f} standard errors, moves its values by up to "
             f"{max(spring.moves.values()):.0%}"
         )
-    lines += [
-        f"with a term of power {spring.power} too, which the records do not exclude, they tell "
-        f"{_name(key)} to {_share(half)} (95 %)"
-        for key, half in (spring.uncertain if spring else {}).items()
-    ]
+    if spring:
+        lines += [
+            f"with a term of power {spring.power} too, which the records do not exclude, they tell "
+            f"{_name(key)} to {_share(half)} (95 %)"
+            for key, half in spring.uncertain.items()
+        ]
     lines += map(str, evidence.whole)
     claimed = [record for record in evidence.whole if record.claimed]
     if evidence.whole:
@@ -299,7 +300,8 @@ def findings(evidence: Evidence) -> list[str]:
 def _rival_lines(rivals):
     """What each rival leaves; those that were not tried by their reason."""
     best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
-    lines, untried = [], {}
+    lines: list[str] = []
+    untried: dict[str, list[str]] = {}
     for rival in rivals[1:]:
         if rival.fitted is None:
             untried.setdefault(rival.remark, []).append(rival.name)
