@@ -172,7 +172,11 @@ def rival_models(
     # Large differences, to which no fit leads that begins at the wrong model.
     for name, scene, keys in _structures(start, base.keys, sizes):
         report(name)
-        models.append(_tried(name, base, scene, measurements, keys, sizes, None))
+        again = _tried(name, base, scene, measurements, keys, sizes, None)
+        near = next((model for model in models if model.name == name), again)
+        if near.fitted is None or (again.fitted and again.better <= near.better):
+            near = again
+        models = [*(model for model in models if model.name != name), near]
     if isinstance(measurements[0], MeasuredResponse):
         return models
     for name, records in turned(measurements):
@@ -440,9 +444,8 @@ def _equations(shooting, fit, records):
     def of_loads(number: int, left: np.ndarray) -> np.ndarray:
         columns = np.zeros((*left.shape, len(records)))
         if number in records:
-            moved, _ = _with_load_of(shooting, number, math.exp(LOAD_STEP)).residuals_of(
-                fit, number
-            )
+            other = _with_load_of(shooting, number, math.exp(LOAD_STEP))
+            moved, _ = other.residuals_of(fit, number)
             if moved is not None:
                 columns[..., records.index(number)] = (moved - left) / LOAD_STEP
         return columns
