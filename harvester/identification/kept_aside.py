@@ -254,18 +254,12 @@ def kept_aside(
     """
     if not measurements:
         return []
-    model_error = _model_error(records)
-    values = _likely(fitted, seed)
-    worst = max(
-        (
-            part.systematic
-            for record in records
-            for part in record.unexplained
-            if record.long and not part.is_noise
-        ),
-        default=0.0,
-    )
-    limit = max(FOLLOWS * worst, FOLLOWS_SHARE)
+    # Frequency responses have no power of a run.
+    in_time = [record for record in records if record.long]
+    parts = [part for record in in_time for part in record.unexplained]
+    missed = [0.0 if part.is_noise else part.systematic for part in parts]
+    model_error, values = _model_error(in_time, missed), _likely(fitted, seed)
+    limit = max(FOLLOWS * max(missed), FOLLOWS_SHARE)
     predictions = []
     for number, record in enumerate(measurements):
         report(number / len(measurements))
@@ -285,7 +279,7 @@ def _likely(fitted, seed):
     return [fitted.values, *islice(possible, DRAWS)]
 
 
-def _model_error(records):
+def _model_error(records, missed):
     """Relative standard error of the power that the fitted records show.
 
     Of their runs from one start; and of what follows from the motion in windows and is not in the
@@ -294,19 +288,10 @@ def _model_error(records):
     """
     from scipy.stats import t
 
-    # Frequency responses have no power of a run.
-    in_time = [record for record in records if record.long]
-    ratios = [
-        max(record.free_power().estimate, 1e-300) / record.powers()[0].estimate
-        for record in in_time
-    ]
-    missed = [
-        0.0 if part.is_noise else 2.0 * part.systematic
-        for record in in_time
-        for part in record.unexplained
-    ]
-    error = math.hypot(*(float(np.sqrt(np.mean(np.square(v)))) for v in (np.log(ratios), missed)))
-    return error * float(t.ppf(0.5 + 0.5 * HELD, len(ratios))) / HALF_INTERVAL
+    pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
+    off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
+    error = math.sqrt(np.mean(np.square(off)) + np.mean(np.square(2.0 * np.array(missed))))
+    return error * float(t.ppf(0.5 + 0.5 * HELD, len(off))) / HALF_INTERVAL
 
 
 def _of_record(fitted, measurement, visited, values, model_error, limit):

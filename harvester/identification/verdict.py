@@ -237,9 +237,10 @@ def dependent(evidence: Evidence) -> dict[str, list[str]]:
 
 def _caveat(evidence):
     """Text: the main caveat of a model that predicts."""
-    claimed = [record for record in evidence.whole if record.claimed]
     if evidence.whole:
-        return f"; {len(claimed)} of {len(evidence.whole)} records kept aside are claimed, and hold"
+        claimed = sum(record.claimed for record in evidence.whole)
+        held = ", and hold" if claimed else ""
+        return f"; {claimed} of {len(evidence.whole)} records kept aside are claimed{held}"
     if all(isinstance(record, ImpedanceRecord) for record in evidence.records):
         return "; that is small motion with the base clamped"
     if evidence.visited is None:
@@ -286,13 +287,13 @@ def findings(evidence: Evidence) -> list[str]:
             for key, half in spring.uncertain.items()
         ]
     lines += map(str, evidence.whole)
-    claimed = [record for record in evidence.whole if record.claimed]
-    if evidence.whole:
+    if claimed := [record for record in evidence.whole if record.claimed]:
         held = sum(record.holds for record in claimed)
-        widths = "".join(f" ± {_half_width(record):.0%}" for record in claimed[:1])
+        rms = [record.predicted_rms for record in claimed]
+        widths = [HALF_INTERVAL * (one.standard_error or 0.0) / one.estimate for one in rms]
         lines.append(
             f"it claims {len(claimed)} of {len(evidence.whole)} records kept aside, and {held} of "
-            f"those lie within their intervals{widths and f', of {widths.strip()} of the rms'}"
+            f"those lie within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"
         )
     return lines + _rival_lines(evidence.rivals)
 
@@ -344,12 +345,6 @@ def _power(record):
 def _share(half):
     """Text: half of a relative interval."""
     return f"± {half:.0%}" if half < 1.0 else "not at all"
-
-
-def _half_width(record):
-    """Half of the interval of a predicted rms, as a share of it."""
-    rms = record.predicted_rms
-    return HALF_INTERVAL * (rms.standard_error or 0.0) / rms.estimate
 
 
 def _name(key):
