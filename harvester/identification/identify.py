@@ -100,9 +100,9 @@ def identify(
     """
     from harvester.device.keys import computed
     from harvester.identification import checks, rivals
-    from harvester.identification.fitting import fitted_sizes
+    from harvester.identification.fitting import fitted, fitted_sizes
     from harvester.identification.identifiability import assumptions
-    from harvester.identification.impedance_fit import fitted_impedance, from_impedance
+    from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside, visited
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
@@ -136,7 +136,7 @@ def identify(
                     f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no "
                     "others: leave --free out, or give a record too (--record)"
                 )
-            base = fitted_impedance(analysed)
+            base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
             evidence = Evidence(base.records, [rivals.Rival("as given", base)])
             measured = [analysed.measured]
             return _concluded(scene, measured, base, [], evidence, clock, posterior, analysed)

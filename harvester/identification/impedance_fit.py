@@ -18,13 +18,8 @@ import numpy as np
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.identification.fitting import Fitted
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.response import NO_STATES, SteadyExperiment, SteadyResponses
-from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.unknowns import unknowns
-from harvester.identification.validation_record import predicted_lines
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
@@ -344,10 +339,9 @@ class FromImpedance:
     measured : MeasuredImpedance
         The impedance, with the background of the other modes and of the loss.
     scene : Scene
-        The scene with the fitted values.
-    values : ndarray, shape (keys,)
-    covariance : ndarray, shape (keys, keys)
-        The mass being known.
+        The scene with the circuit's values, from which a fit begins.
+    keys : list of str
+        Keys of the values that an impedance alone determines, the mass being known.
     """
 
     circuit: ButterworthVanDyke
@@ -355,8 +349,6 @@ class FromImpedance:
     measured: MeasuredImpedance
     scene: Scene
     keys: list[str]
-    values: np.ndarray
-    covariance: np.ndarray
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
@@ -430,32 +422,23 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
     stiffness = mass * (2.0 * math.pi * branch["series_resonance"]) ** 2
-    first, slope = _linear_term(scene, spring_key, stiffness)
+    first = _linear_term(scene, spring_key, stiffness)
     keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
     keys += ["piezo.leakage_resistance"] if leaks else []
 
-    def values(parameters: np.ndarray) -> np.ndarray:
-        branch = replace(circuit, parameters=parameters).numbers(mode)
-        rate = 2.0 * math.pi * branch["series_resonance"]
-        share = branch["coupling_factor"]
-        motional = branch["capacitance"] * share / (1.0 - share)
-        converted = [
-            first + slope * (mass * rate**2 - stiffness),
-            mass * rate / branch["quality"],
-            rate * math.sqrt(mass * motional),
-            branch["capacitance"],
-        ]
-        if leaks:
-            converted.append(1.0 / (rate * branch["capacitance"] * branch["loss_tangent"]))
-        return np.array(converted)
-
-    slopes = jacobian(values, circuit.parameters)
-    estimates = values(circuit.parameters)
-    fitted_scene = scene.replace(dict(zip(keys, map(float, estimates), strict=True)))
-    part = _own_admittance(fitted_scene, circuit, mode, measured.frequency)
+    rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
+    clamped = branch["capacitance"]
+    values = [
+        first,
+        mass * rate / branch["quality"],
+        rate * math.sqrt(mass * clamped * share / (1.0 - share)),
+        clamped,
+    ]
+    values += [1.0 / (rate * clamped * branch["loss_tangent"])] if leaks else []
+    scene = scene.replace(dict(zip(keys, values, strict=True)))
+    part = _own_admittance(scene, circuit, mode, measured.frequency)
     measured = replace(measured, background=circuit.admittance(measured.frequency) - part)
-    covariance = slopes @ circuit.covariance @ slopes.T
-    return FromImpedance(circuit, mode, measured, fitted_scene, keys, estimates, covariance)
+    return FromImpedance(circuit, mode, measured, scene, keys)
 
 
 def _own_admittance(scene, circuit, mode, frequency):
@@ -479,7 +462,7 @@ def _spring_key(scene):
 
 
 def _linear_term(scene, key, stiffness):
-    """(k1, ∂k1/∂stiffness) with which the device has this stiffness where it rests (N/m)."""
+    """k1 with which the device has this stiffness where it rests (N/m)."""
     mass, begun = (numbers(scene)[name][0] for name in ("oscillator.mass", key))
 
     def off(k1):
@@ -502,8 +485,7 @@ def _linear_term(scene, key, stiffness):
             f"{scene.name}: no linear stiffness gives the device {stiffness:.4g} N/m where it "
             "rests: begin from a scene whose spring is nearer to that"
         )
-    step = 1e-5 * abs(other)
-    return other, 2.0 * step / (stiffness * (off(other + step) - off(other - step)))
+    return other
 
 
 def _check_capacitance(scene, capacitance, where):
@@ -516,21 +498,3 @@ def _check_capacitance(scene, capacitance, where):
         f"{scene.transducer.capacitance:.3g} F, a factor of {ratio:.3g}: check the units (ohm or "
         "kohm, Hz or kHz), or correct the scene"
     )
-
-
-def fitted_impedance(found: FromImpedance) -> Fitted:
-    """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
-    aside, keys = found.measured.aside, found.keys
-    length = prepared(found.scene).scales.displacement
-    free = unknowns(found.scene, found.keys, {})
-    responses, validation = (
-        SteadyResponses([SteadyExperiment(found.measured.part(lines), found.scene)], keys, length)
-        for lines in (~aside, aside)
-    )
-    shooting = Shooting(responses, free, [np.zeros(3)])
-    edges = np.array([0, int(np.count_nonzero(~aside))])
-    noise = np.array(found.circuit.noise)
-    fit = ShootingFit(found.values, [edges], [NO_STATES], [noise])
-    shooting.linearized(fit)
-    stretch = predicted_lines(validation, found.values, 0)
-    return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])

@@ -382,8 +382,8 @@ def _settled(shooting, values, noise, reach):
     begun = ShootingFit(values, [], [], [noise])
 
     def found(ends):
-        (stretch,), settled = predicted(shooting, begun, span, ends)
-        return stretch, settled, float(np.mean((stretch.residuals / noise) ** 2))
+        (record,), settled = predicted(shooting, begun, span, ends)
+        return record, settled, float(np.mean((record.residuals / noise) ** 2))
 
     system, _ = shooting.responses.known_device(0, values)
     saddles = [saddle for saddle in timescales.saddles(system) if reach[0] < saddle < reach[1]]
@@ -391,8 +391,8 @@ def _settled(shooting, values, noise, reach):
     if saddles:
         wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
         best = min(wells, key=lambda solution: solution[-1])
-    stretch, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
-    return stretch, settled
+    record, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
+    return record, settled
 
 
 def _shooting(fitted, measurement):

@@ -355,7 +355,7 @@ class _Regression:
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
-        moved = _shifted(self._force(found, s), shift)
+        moved = shifted(self._force(found, s), shift)
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
         if found.get("drive"):
@@ -420,7 +420,7 @@ class _Regression:
         force, rms = self._force(found, s), s * self.unit
         off = np.zeros(ORIGINS.size)
         for index, origin in enumerate(ORIGINS * rms):
-            moved = _shifted(force, origin)
+            moved = shifted(force, origin)
             off[index] = sum(
                 ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
             )
@@ -465,7 +465,7 @@ def _powers(oscillator):
     return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 
 
-def _shifted(coefficients, distance):
+def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     """Coefficients of F(x − distance) from those of F(x)."""
     moved = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-distance, 1.0]))
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]

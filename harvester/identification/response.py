@@ -28,7 +28,11 @@ from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
 from harvester.engines.monte_carlo.sampled import states_at_samples
 from harvester.excitation.conditioning import smoothed
-from harvester.identification.measured_response import MeasuredImpedance, impedance_outputs
+from harvester.identification.measured_response import (
+    MeasuredImpedance,
+    MeasuredResponse,
+    impedance_outputs,
+)
 from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import (
     HIGHPASSES,
@@ -57,6 +61,10 @@ if TYPE_CHECKING:
 COARSE_STEPS, FINE_STEPS = 24, 80
 # Interpolations of the acceleration between samples: straight lines, or a spline.
 INTERPOLATIONS = ("linear", "smooth")
+# Secant steps for the displacement's amplitude.
+AMPLITUDE_STEPS = 12
+# Start of the one window of a response, whose samples have no states.
+NO_STATES = np.zeros((1, 3))
 
 
 @dataclass(frozen=True)
@@ -93,12 +101,24 @@ class Experiment:
         return cache[quantity, steps]
 
 
-def experiment(scene: Scene, measurement: Measurement, per_period: int = FINE_STEPS) -> Experiment:
+@dataclass(frozen=True)
+class SteadyExperiment:
+    """A measured response or impedance with its scene; its samples are frequencies."""
+
+    measurement: MeasuredResponse
+    scene: Scene
+
+
+def experiment(
+    scene: Scene, measurement: Measurement | MeasuredResponse, per_period: int = FINE_STEPS
+) -> Any:
     """Prepare a measurement for simulation with this many steps in the motion's fastest period."""
+    changed = scene.replace(measurement.changes)
+    if isinstance(measurement, MeasuredResponse):
+        return SteadyExperiment(measurement, changed)
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
     steps = max(2, math.ceil(per_period * frequencies(measurement)[1] / rate - 1e-9))
-    changed = scene.replace(measurement.changes)
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
 
@@ -209,6 +229,9 @@ class Responses:
             return None, None, None
         system, scales = equations
         record = self.experiments[number]
+        if isinstance(record, SteadyExperiment):
+            outputs = self._steady(system, scales, number, values)
+            return np.zeros((outputs.shape[0], 3)), starts, outputs
         eta = self.excitation(number, values)
         spacing = 1.0 / (record.measurement.sampling_rate * record.steps)
         states, ends = states_at_samples(system, eta, spacing, record.steps, edges, starts)
@@ -383,79 +406,20 @@ class Responses:
         ]
         return without_memory(simulated, seen, edges, *decays)
 
-
-def _delayed(values, samples):
-    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
-    if samples == 0.0:
-        return values
-    from scipy.interpolate import CubicSpline
-
-    places = np.arange(values.size)
-    if values.size < 4 or not np.isfinite(values).all():
-        return np.interp(places - samples, places, values)
-    moved = places - samples
-    inside = np.clip(moved, 0.0, values.size - 1.0)
-    spline = CubicSpline(places, values)
-    return spline(inside) + (moved - inside) * spline(inside, 1)
-
-
-def _padded(spring: Spring) -> Spring:
-    if isinstance(spring, Ranged):
-        return spring._replace(spring=_padded(spring.spring))
-    if not isinstance(spring, Polynomial):
-        return spring
-    size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
-    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
-    filled = {}
-    for name in names:
-        values, length = getattr(spring, name), size - (name == "even_slope")
-        filled[name] = (*values, *([0.0] * (length - len(values))))
-    return spring._replace(**filled)
-
-
-# Secant steps for the displacement's amplitude.
-AMPLITUDE_STEPS = 12
-# Start of the one window of a response, whose samples have no states.
-NO_STATES = np.zeros((1, 3))
-
-
-@dataclass(frozen=True)
-class SteadyExperiment:
-    """A measured response or impedance with the scene of its record."""
-
-    measurement: MeasuredResponse
-    scene: Scene
-
-
-class SteadyResponses(Responses):
-    """Responses to sines: samples of a `SteadyExperiment` are frequencies, of others instants."""
-
-    def states(
-        self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
-    ) -> tuple[Any, Any, Any]:
-        """States (zeros) and outputs, with the interface of `Responses.states` for records
-        in time."""
-        if isinstance(self.experiments[number], Experiment):
-            return super().states(number, values, edges, starts)
-        equations = self.device(number, values)
-        if equations is None:
-            return None, None, None
-        system, scales = equations
-        experiment: Any = self.experiments[number]
-        if isinstance(experiment.measurement, MeasuredImpedance):
-            outputs = self._impedance(system, number, values)
-            return np.zeros((outputs.shape[0], 3)), starts, outputs
+    def _steady(self, system, scales, number, values):
+        """Outputs of a response or an impedance, shape (frequencies, outputs)."""
+        measurement = self.experiments[number].measurement
+        if isinstance(measurement, MeasuredImpedance):
+            return self._impedance(system, number, values)
         response = self._gain_of_sensors(number, values)
         response = response * self._response(system, scales, number, values)
-        if np.iscomplexobj(experiment.measurement.response):
-            outputs = np.column_stack([response.real, response.imag])
-        else:
-            outputs = np.abs(response)[:, None]
-        return np.zeros((response.size, 3)), starts, outputs
+        if np.iscomplexobj(measurement.response):
+            return np.column_stack([response.real, response.imag])
+        return np.abs(response)[:, None]
 
     def _impedance(self, system, number, values):
         """ln |Z| and phase with the base clamped."""
-        experiment: Any = self.experiments[number]
+        experiment = self.experiments[number]
         rate = 2j * math.pi * experiment.measurement.frequency
         linear = float(system.spring.slope(timescales.rest(system)))
         mechanical = linear + system.damper.damping * rate + rate**2
@@ -471,7 +435,7 @@ class SteadyResponses(Responses):
 
     def _response(self, system, scales, number, values):
         """Complex voltage per base acceleration, before the sensors' effects."""
-        experiment: Any = self.experiments[number]
+        experiment = self.experiments[number]
         measured = experiment.measurement
         rate = 2j * math.pi * measured.frequency
         transducer = system.transducer
@@ -519,6 +483,35 @@ class SteadyResponses(Responses):
             first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
             gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
         return gain
+
+
+def _delayed(values, samples):
+    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
+    if samples == 0.0:
+        return values
+    from scipy.interpolate import CubicSpline
+
+    places = np.arange(values.size)
+    if values.size < 4 or not np.isfinite(values).all():
+        return np.interp(places - samples, places, values)
+    moved = places - samples
+    inside = np.clip(moved, 0.0, values.size - 1.0)
+    spline = CubicSpline(places, values)
+    return spline(inside) + (moved - inside) * spline(inside, 1)
+
+
+def _padded(spring: Spring) -> Spring:
+    if isinstance(spring, Ranged):
+        return spring._replace(spring=_padded(spring.spring))
+    if not isinstance(spring, Polynomial):
+        return spring
+    size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
+    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
+    filled = {}
+    for name in names:
+        values, length = getattr(spring, name), size - (name == "even_slope")
+        filled[name] = (*values, *([0.0] * (length - len(values))))
+    return spring._replace(**filled)
 
 
 def _amplitude(impedance, drive, begun):

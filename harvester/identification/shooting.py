@@ -100,6 +100,13 @@ class Shooting:
         other.states_there = self.states_there[:records]
         return other
 
+    def of_first(self, count: int, fit: ShootingFit) -> tuple[Shooting, ShootingFit]:
+        """The problem of the first experiments alone, and a fit's windows in them."""
+        responses = self.responses
+        alone = responses.replaced(responses.experiments[:count], responses.keys)
+        windows = (entries[:count] for entries in (fit.edges, fit.starts, fit.noise))
+        return self.beside(alone, self.unknowns, count), ShootingFit(fit.values, *windows)
+
     def residuals(
         self,
         number: int,

@@ -20,7 +20,7 @@ import numpy as np
 from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.measurement import frequencies
-from harvester.identification.response import NO_STATES, SteadyResponses
+from harvester.identification.response import NO_STATES, Responses
 from harvester.identification.search import settle_windows
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import Shooting, ShootingFit, without_states
@@ -460,7 +460,7 @@ def predicted(
     return predictions, settled
 
 
-def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseRecord:
+def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
     """Predictions of the lines of a response or an impedance that were kept aside."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
