@@ -85,9 +85,7 @@ GROUPS = {
         StudyCommand(
             "harvester:identify",
             "device --record shaker.csv load.resistance=1e5 --output identified",
-            title=lambda result: (
-                f"identified from {', '.join(r.name for r in result.measurements)}"
-            ),
+            title=lambda result: result.headline(),
             stem="identified",
         ),
     ),

@@ -22,12 +22,6 @@ from harvester.identification.identifiability import undetermined
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.measurement import frequencies
-from harvester.identification.proof import (
-    ValidationStretch,
-    predicted,
-    predicted_lines,
-    sensor_noise,
-)
 from harvester.identification.response import (
     COARSE_STEPS,
     FINE_STEPS,
@@ -50,11 +44,15 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     ORIGIN,
-    Unknown,
     first_sizes,
     sizes_of,
     unknowns,
     with_values,
+)
+from harvester.identification.validation_record import (
+    ValidationRecord,
+    predicted,
+    predicted_lines,
 )
 from harvester.scene.prepared import prepared
 
@@ -62,9 +60,6 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# A good model leaves at most this share of an output's rms beyond the sensor's noise.
-MISSED_SHARE = 0.05
-MOST_NOISE = 0.5
 # Two errors that differ by less than this share count as equal.
 NOTED = 0.02
 
@@ -79,7 +74,7 @@ class Fitted:
         The scene with the fitted values.
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
-    stretches : list of ValidationStretch
+    records : list of ValidationRecord
         The kept-aside part of each record.
     interpolation : str
         Interpolation of the acceleration between its samples.
@@ -91,7 +86,7 @@ class Fitted:
     values: np.ndarray
     covariance: np.ndarray
     undetermined: list
-    stretches: list[ValidationStretch]
+    records: list[ValidationRecord]
     interpolation: str
     shooting: Shooting
     fit: ShootingFit
@@ -104,7 +99,7 @@ class Fitted:
         shooting: Shooting,
         fit: ShootingFit,
         covariance: np.ndarray,
-        stretches: list[ValidationStretch],
+        records: list[ValidationRecord],
         settled: ShootingFit | None = None,
     ) -> Fitted:
         """The model at the end of a fit; `scene` is the scene that the fit began with.
@@ -128,7 +123,7 @@ class Fitted:
             fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
         unclear = undetermined(shooting.unknowns, fit.values, covariance)
         return cls(
-            fitted_scene, fit.values, covariance, unclear, stretches, path, shooting, fit, settled
+            fitted_scene, fit.values, covariance, unclear, records, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
@@ -136,46 +131,11 @@ class Fitted:
         unclear = undetermined(self.shooting.unknowns, self.values, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
 
-    def with_more(
-        self, added: Sequence[Unknown], sizes: dict[str, float], scene: Scene, keys: Sequence[str]
-    ) -> tuple[Shooting, ShootingFit] | None:
-        """The problem with more unknowns, linearized at the values that fit; None if it diverges.
-
-        Experiments get the spring of `scene`, in which the model's values have these keys.
-        """
-        free = [
-            unknown.begun(value)
-            for unknown, value in zip(unknowns(scene, keys, sizes), self.values, strict=True)
-        ]
-        free += added
-        experiments = self.shooting.responses.experiments
-        if scene is not self.scene:
-            force = [k or 0.0 for k in scene.oscillator.coefficients]
-            experiments = [
-                replace(other, scene=other.scene.replace({"oscillator.restoring_force": force}))
-                for other in experiments
-            ]
-        names = [unknown.key for unknown in free]
-        shooting = self.shooting.beside(self.shooting.responses.replaced(experiments, names), free)
-        fit = replace(self.fit, values=np.array([unknown.start for unknown in free]))
-        return (shooting, fit) if shooting.linearized(fit) else None
-
-    @property
-    def sensor_noise(self) -> float:
-        """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
-        return max(sensor_noise(part) for part in self.stretches)
-
-    @property
-    def adequate(self) -> bool:
-        """Whether the residuals of the data kept aside are little more than the sensor's noise."""
-        noise = min(self.sensor_noise, MOST_NOISE)
-        return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
-
     @property
     def leaves_noise(self) -> bool:
         """Whether the residuals of the data kept aside are only noise, so that no model can
         be better."""
-        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.stretches)
+        return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
 
     @property
     def keys(self) -> list[str]:
@@ -188,9 +148,15 @@ class Fitted:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
+    def relative_errors(self) -> dict[str, float]:
+        """Standard error of each value as a share of it, by its key."""
+        shares = self.standard_errors / np.maximum(np.abs(self.values), 1e-300)
+        return dict(zip(self.keys, map(float, shares), strict=True))
+
+    @property
     def nrmse(self) -> float:
         """Normalized rms error of the first output over all stretches kept aside."""
-        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.stretches])))
+        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:

@@ -99,22 +99,16 @@ def identify(
         The records do not determine the values asked for.
     """
     from harvester.device.keys import computed
-    from harvester.identification import checks
-    from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.consistency import misfits, worst
-    from harvester.identification.fitting import fitted_sizes
-    from harvester.identification.identification import Identification
+    from harvester.identification import checks, rivals
+    from harvester.identification.fitting import fitted, fitted_sizes
+    from harvester.identification.identifiability import assumptions
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
-    from harvester.identification.kept_aside import kept_aside
+    from harvester.identification.kept_aside import kept_aside, visited
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
-    from harvester.identification.measurement import frequencies
-    from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
-    from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
-    from harvester.identification.verdict import verdict
-    from harvester.identification.visited import visited
+    from harvester.identification.validation_record import validated
+    from harvester.identification.verdict import Evidence
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
@@ -137,7 +131,15 @@ def identify(
                     "--keep-aside: an impedance alone cannot predict a record: give a record to "
                     "fit too (--record)"
                 )
-            return _of_impedance(scene, analysed, free, posterior, clock)
+            if free is not None:
+                raise IdentificationError(
+                    f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no "
+                    "others: leave --free out, or give a record too (--record)"
+                )
+            base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
+            evidence = Evidence(base.records, [rivals.Rival("as given", base)])
+            measured = [analysed.measured]
+            return _concluded(scene, measured, base, [], evidence, clock, posterior, analysed)
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
     if not measurements:
@@ -166,75 +168,62 @@ def identify(
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
-    left = misfits(base)
-    if base.settled and worst(left):
+    left = validated(base)
+    explained = all(record.is_explained for record in left)
+    narrow = base
+    if base.settled and not explained:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
-    shape = None if worst(left) else spring_shape(base, sizes)
-    unexplained = worst(left) is not None or bool(shape and shape.is_refuted)
-    models = [Candidate("as given", base, 0.0, 0.0)]
+    models = [rivals.Rival("as given", base, explains=explained)]
     if compare and any(record.acceleration is not None for record in measurements):
-        models = candidates(base, measurements, sizes, scene, not unexplained)
+        models = rivals.rival_models(
+            models[0],
+            measurements,
+            sizes,
+            scene,
+            lambda name: follow(MODELS_BEGIN, f"rival model: {name}"),
+        )
 
-    def follow_last(text: str) -> Callable[[float], object]:
-        return lambda share: follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, text)
+    def follow_last(share: float) -> None:
+        follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, "records kept aside")
 
-    sampled, seed = None, scene.run.seed
-    if posterior:
-        follow(POSTERIOR_BEGINS, "posterior")
-        sampled = posterior_of(base, seed, follow_last("posterior"))
     where = visited(base)
-    unseen = []
-    if where:
-        unseen = kept_aside(base, aside, where, left, seed, follow_last("records kept aside"))
-    frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
-    white = whiteness(base.stretches[0], 0, 1.0 / frequency)
+    evidence = Evidence(
+        records=left,
+        rivals=models,
+        spring=rivals.next_power(base, sizes) if explained else None,
+        errors=base.relative_errors,
+        assumptions=assumptions(base) if explained else [],
+        whole=kept_aside(narrow, aside, where, left, scene.run.seed, follow_last) if where else [],
+        visited=where,
+    )
+    return _concluded(
+        scene, measurements, base, undetermined, evidence, clock, posterior, analysed, follow
+    )
+
+
+def _concluded(
+    scene, measurements, base, kept, evidence, clock, posterior, analysed, follow=lambda *_: None
+):
+    """The result, with the posterior if it is asked for."""
+    from harvester.identification.identification import Identification
+    from harvester.identification.posterior import posterior as posterior_of
+    from harvester.identification.verdict import verdict
+
+    def follow_last(share: float) -> None:
+        follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, "posterior")
+
+    sampled = posterior_of(base, scene.run.seed, follow_last) if posterior else None
     return Identification(
         scene=base.scene,
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=undetermined,
-        candidates=models,
-        whiteness=white,
-        verdict=verdict(base, models, white, left, where, unseen, shape),
-        misfits=left,
-        spring_shape=shape,
-        kept_aside=unseen,
-        visited=where,
+        kept=kept,
+        evidence=evidence,
+        verdict=verdict(evidence),
         seconds=time.perf_counter() - clock,
         posterior=sampled,
-        impedance=analysed,
-    )
-
-
-def _of_impedance(scene, analysed, free, posterior, clock):
-    """The identification from an impedance alone, without records in time."""
-    from harvester.identification.candidates import Candidate
-    from harvester.identification.fitting import fitted
-    from harvester.identification.identification import Identification
-    from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
-    from harvester.identification.verdict import impedance_verdict
-
-    if free is not None:
-        raise IdentificationError(
-            f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no others: "
-            "leave --free out, or give a record too (--record)"
-        )
-    base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
-    period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
-    return Identification(
-        scene=base.scene,
-        start=scene,
-        measurements=[analysed.measured],
-        fitted=base,
-        kept=[],
-        candidates=[Candidate("as given", base, 0.0, 0.0)],
-        whiteness=whiteness(base.stretches[0], 0, period),
-        verdict=impedance_verdict(base),
-        seconds=time.perf_counter() - clock,
-        posterior=posterior_of(base, scene.run.seed) if posterior else None,
         impedance=analysed,
     )
 

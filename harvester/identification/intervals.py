@@ -25,15 +25,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.proof import noise_floor
 from harvester.identification.response import Experiment
 from harvester.identification.shooting import without_states
+from harvester.identification.validation_record import HALF_INTERVAL, base_noise
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Half width of a normal variable's 95 % interval, in standard errors.
-HALF_INTERVAL = 1.96
 # Probability of an interval, and the most by which leaving out one record may move a value, in
 # sizes of the value.
 HELD, MOST_MOVED = 0.95, 10.0
@@ -45,9 +43,9 @@ BLOCKS = 12
 SEGMENTS = 12
 # Number of drawn noise records of each experiment: a variance from them is known to a third.
 DRAWS = 16
-# Largest and smallest noise that is drawn, as shares of the base's rms. A higher floor is motion up
-# to half the sampling rate; a record without noise still has a direction in which noise would act.
-MOST_BASE_NOISE, LEAST_BASE_NOISE = 0.05, 1e-6
+# Smallest noise that is drawn, as a share of the base's rms: a record without noise still has a
+# direction in which noise would act.
+LEAST_BASE_NOISE = 1e-6
 # Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
 WHITTLE_STEPS = 5
 # Standard errors by which residuals exclude the noise that the base's own record shows.
@@ -224,18 +222,6 @@ def _inverse(normal):
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     values = np.maximum(values, SMALLEST_EIGENVALUE * values[-1])
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
-
-
-def base_noise(acceleration: np.ndarray, rate: float) -> float:
-    """rms noise of the base's sensor, from the floor of its spectrum.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (n,)
-    rate : float
-        Hz.
-    """
-    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
 
 
 def covariance_of_scores(

@@ -599,7 +599,7 @@ FAULTS = [
     ),
     Fault(
         "identification: an interval is one standard error wide on either side",
-        INTERVALS,
+        "harvester/identification/validation_record.py",
         "HALF_INTERVAL = 1.96",
         "HALF_INTERVAL = 1.0",
         OF_INTERVALS,
@@ -617,6 +617,20 @@ FAULTS = [
         "(block - explained)",
         "(block - 0.0 * explained)",
         OF_INTERVALS,
+    ),
+    Fault(
+        "identification: a rival that leaves more than noise is proposed",
+        "harvester/identification/rivals.py",
+        "if model.is_better and model.explains]",
+        "if model.is_better]",
+        ("harvester/identification/test_verdict.py",),
+    ),
+    Fault(
+        "identification: one explained record excuses the others",
+        "harvester/identification/verdict.py",
+        "not record.is_explained, record.worst.beyond",
+        "record.is_explained, record.worst.beyond",
+        ("harvester/identification/test_verdict.py",),
     ),
     Fault(
         "command line: what a command ends with is lost",

@@ -35,12 +35,12 @@ def test_a_value_of_a_record_s_own_is_found_in_it(linear):
     assert f"with {DAMPING} = " in str(with_own)
     # Without it the power is that of the fitted damping, and there is no word of an own value.
     assert with_own.predicted_power.estimate == pytest.approx(
-        with_own.measured_power.estimate, rel=0.02
+        with_own.powers()[0].estimate, rel=0.02
     )
-    assert without.predicted_power.estimate > 1.3 * without.measured_power.estimate
+    assert without.predicted_power.estimate > 1.3 * without.powers()[0].estimate
     assert with_own.left < 0.01
     assert not without.claimed
-    assert "of it is left even in windows" in without.why
+    assert "of it is left even in windows" in without.outside
     assert linear.verdict.word == "incomplete"
     assert "record3.csv, kept aside, is left even in windows" in linear.verdict.sentence
     assert "found in this record" not in str(without)
@@ -57,7 +57,7 @@ def off(fitted, values):
 def test_values_that_the_fitted_records_refute_are_not_likely(linear):
     base = linear.fitted
     wide = base.with_covariance(1e8 * base.covariance)
-    error = _model_error(wide, linear.misfits)
+    error = _model_error(linear.records)
     likely = _likely(wide, 1, error)
     assert len(likely) == 9
     spread = np.std(np.array(likely[1:]) / base.values, axis=0)
