@@ -229,9 +229,12 @@ def dependent(evidence: Evidence) -> dict[str, list[str]]:
     """Gains and other known values that each fitted value is only as right as, by its key."""
     mixed: dict[str, list[str]] = {}
     for known in evidence.assumptions:
+        some = (
+            f" of {', '.join(known.records)}" if len(known.records) < len(evidence.records) else ""
+        )
         for key, move in known.moves.items():
             if not abs(move) * known.error <= DEPENDS * evidence.errors[key]:
-                mixed.setdefault(key, []).append(known.key)
+                mixed.setdefault(key, []).append(f"{known.key}{some}")
     return mixed
 
 
