@@ -169,19 +169,23 @@ def rival_models(
     models += _further(base, parts, measurements, sizes, report)
     if own.explains or any(model.explains and model.is_better for model in models):
         return models
-    # Large differences, to which no fit leads that begins at the wrong model.
-    for name, scene, keys in _structures(start, base.keys, sizes):
+    # Large differences, to which no fit leads that begins at the wrong model: the simplest first.
+    further = [
+        (name, scene, measurements, keys)
+        for name, scene, keys in _structures(start, base.keys, sizes)
+    ]
+    if not isinstance(measurements[0], MeasuredResponse):
+        columns = [(name, start, records, base.keys) for name, records in turned(measurements)]
+        further = [*columns, *further]
+    for name, scene, records, keys in further:
         report(name)
-        again = _tried(name, base, scene, measurements, keys, sizes, None)
+        again = _tried(name, base, scene, records, keys, sizes, None)
         near = next((model for model in models if model.name == name), again)
         if near.fitted is None or (again.fitted and again.better <= near.better):
             near = again
         models = [*(model for model in models if model.name != name), near]
-    if isinstance(measurements[0], MeasuredResponse):
-        return models
-    for name, records in turned(measurements):
-        report(name)
-        models.append(_tried(name, base, start, records, base.keys, sizes, None))
+        if near.explains and near.is_better:
+            break
     return models
 
 
@@ -291,24 +295,15 @@ def _structures(
     scene: Scene, keys: Sequence[str], sizes: dict[str, float]
 ) -> Iterator[tuple[str, Scene, list[str]]]:
     """Name, scene and keys of each model that is fitted from scratch."""
-    if not scene.stoppers:
-        table = {
-            "gap": STOPPER_PLACE * sizes["stoppers.gap"],
-            "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],
-            "restitution": 0.7,
-        }
-        free = [*keys, "stoppers.gap", "stoppers.stiffness"]
-        yield "stoppers", scene.replace(stoppers=table), free
     force = _coefficients(scene)
-    if not force:
-        return
-    for name, powers, sign in (
-        ("asymmetric spring", [2, 3], 1.0),
+    springs = [
+        (*_next_powers(scene), 1.0),
         ("softening spring", [3], -1.0),
-        (f"spring up to power {_degree(force) + 2}", [_degree(force) + 2], 1.0),
-    ):
+        ("asymmetric spring", [2, 3], 1.0),
+    ]
+    for name, powers, sign in springs if force else []:
         added = [n for n in powers if n >= len(force) or force[n] == 0.0 or sign < 0.0]
-        if not added or max(added) > HIGHEST_POWER or (sign < 0.0 and _degree(force) > 3):
+        if not added or (sign < 0.0 and _degree(force) > 3):
             continue
         changed = [*force, *[0.0] * HIGHEST_POWER][: max(len(force), *(n + 1 for n in added))]
         for n in added:
@@ -320,6 +315,14 @@ def _structures(
             yield name, scene.replace({"oscillator.restoring_force": changed, **limit}), free
         except HarvesterError:
             continue
+    if not scene.stoppers:
+        table = {
+            "gap": STOPPER_PLACE * sizes["stoppers.gap"],
+            "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],
+            "restitution": 0.7,
+        }
+        free = [*keys, "stoppers.gap", "stoppers.stiffness"]
+        yield "stoppers", scene.replace(stoppers=table), free
 
 
 def _next_powers(scene):
@@ -327,11 +330,11 @@ def _next_powers(scene):
     force = _coefficients(scene)
     degree = _degree(force)
     if not 1 <= degree <= HIGHEST_POWER - 2:
-        return []
+        return "", []
     uneven = any(k != 0.0 for k in force[2::2])
     added = [n for n in (degree + 1, degree + 2) if n % 2 or uneven]
     name = "cubic spring" if degree < 3 else f"spring up to power {degree + 2}"
-    return [(name, added)]
+    return name, added
 
 
 def _gains(base, measurements):
@@ -348,11 +351,11 @@ def _gains(base, measurements):
 
 def _parts(base, measurements, sizes):
     """All further parts that the model may have."""
-    springs = _next_powers(base.scene)
+    springs = [_next_powers(base.scene)]
     force = _coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
-        springs = [("asymmetric spring", [2]), *springs]
-    parts = [_Part(name, tuple(FORCE.format(n) for n in powers)) for name, powers in springs]
+        springs.append(("asymmetric spring", [2]))
+    parts = [_Part(name, tuple(map(FORCE.format, powers))) for name, powers in springs if powers]
     if DRAG in sizes and not base.scene.oscillator.quadratic_damping:
         parts.append(_Part("drag", (DRAG,)))
     outputs = list(measurements[0].sensed)
@@ -533,10 +536,10 @@ def next_power(base: Fitted, sizes: dict[str, float]) -> NextPower | None:
     A few sines of nearly one amplitude show the force at that amplitude, which many springs have:
     the values' errors with the next power free say whether the records could exclude it.
     """
-    powers = [powers for _, powers in _next_powers(base.scene)]
+    _, powers = _next_powers(base.scene)
     if base.settled is None or not powers:
         return None
-    shooting, fit, _ = _problem(base, [FORCE.format(n) for n in powers[0]], sizes)
+    shooting, fit, _ = _problem(base, list(map(FORCE.format, powers)), sizes)
     if (equations := _equations(shooting, fit, [])) is None:
         return None
     step = equations.step * shooting.sizes
@@ -544,7 +547,7 @@ def next_power(base: Fitted, sizes: dict[str, float]) -> NextPower | None:
     spring = {n: key for n, key in enumerate(base.keys) if _power(key) and base.values[n]}
     halves = HALF_INTERVAL * errors[: len(base.keys)] / np.abs(base.values)
     return NextPower(
-        max(powers[0]),
+        max(powers),
         float(step[-1] / errors[-1]),
         {key: abs(float(step[n] / base.values[n])) for n, key in spring.items()},
         {key: float(halves[n]) for n, key in spring.items() if _power(key) > 1},

@@ -231,8 +231,15 @@ def dependent(evidence: Evidence) -> dict[str, list[str]]:
     for known in evidence.assumptions:
         for key, move in known.moves.items():
             if not abs(move) * known.error <= DEPENDS * evidence.errors[key]:
-                mixed.setdefault(key, []).append(known.key)
+                mixed.setdefault(key, []).append(_shown(evidence, known))
     return mixed
+
+
+def _shown(evidence, known):
+    """Name of a known value, with its records if it is not that of all."""
+    if len(known.records) == len(evidence.records):
+        return known.key
+    return f"{known.key} of {', '.join(known.records)}"
 
 
 def _caveat(evidence):
@@ -260,19 +267,8 @@ def findings(evidence: Evidence) -> list[str]:
     for record in evidence.records:
         lines += [_left(record, part) for part in record.unexplained]
         lines.append(_power(record))
-    mixed: dict[tuple[str, ...], list[str]] = {}
-    for key, names in dependent(evidence).items():
-        mixed.setdefault(tuple(names), []).append(_name(key))
-    lines += [
-        f"{' and '.join(keys)}: only as right as {', '.join(names)}, which these records do not "
-        "tell apart from them"
-        for names, keys in mixed.items()
-    ]
-    lines += [
-        f"{known}: {abs(known.significance):.1f} standard errors"
-        for known in evidence.assumptions
-        if _is_needed(evidence, known)
-    ]
+    mixed = {name for names in dependent(evidence).values() for name in names}
+    lines += [str(known) for known in evidence.assumptions if _shown(evidence, known) in mixed]
     spring = evidence.spring
     if spring and spring.is_needed:
         lines.append(
