@@ -29,6 +29,8 @@ Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
+# Share of the work left to rivals that each of them takes.
+RIVAL_SHARE = 0.1
 # If the records leave a combination of values undetermined, the first of these that belongs to it
 # keeps the scene's value.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
@@ -99,6 +101,7 @@ def identify(
         The records do not determine the values asked for.
     """
     from harvester.device.keys import computed
+    from harvester.engines.progress import Stages
     from harvester.identification import checks, rivals
     from harvester.identification.fitting import fitted, fitted_sizes
     from harvester.identification.identifiability import assumptions
@@ -118,7 +121,7 @@ def identify(
     scene = scene.replace(
         {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}
     )
-    follow = progress or (lambda share, text: None)
+    stages = Stages(progress or (lambda share, text: None))
     measurements = _measurements(scene, records)
     analysed, begun = None, scene
     if impedance is not None:
@@ -139,7 +142,9 @@ def identify(
             base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
             evidence = Evidence(base.records, [rivals.Rival("as given", base)])
             measured = [analysed.measured]
-            return _concluded(scene, measured, base, [], evidence, clock, posterior, analysed)
+            return _concluded(
+                scene, measured, base, [], evidence, clock, posterior, analysed, stages
+            )
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
     if not measurements:
@@ -160,13 +165,13 @@ def identify(
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     checks.check_volts(measurements, keys)
-    follow(0.0, "fit")
+    stages.begin(0.0, MODELS_BEGIN, "fit")
     try:
-        base, undetermined = _determined(begun, measurements, keys, free is None)
+        base, undetermined = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
-    follow(MODELS_BEGIN, "other models")
+    stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     left = validated(base)
     explained = all(record.is_explained for record in left)
@@ -175,18 +180,15 @@ def identify(
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
     models = [rivals.Rival("as given", base, explains=explained)]
+
+    def report(name: str) -> None:
+        # How many rivals there will be is not known: each takes a share of what is left.
+        begin = stages.share + RIVAL_SHARE * (POSTERIOR_BEGINS - stages.share)
+        stages.begin(begin, begin, f"rival model: {name}")
+
     if compare and any(record.acceleration is not None for record in measurements):
-        models = rivals.rival_models(
-            models[0],
-            measurements,
-            sizes,
-            scene,
-            lambda name: follow(MODELS_BEGIN, f"rival model: {name}"),
-        )
-
-    def follow_last(share: float) -> None:
-        follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, "records kept aside")
-
+        models = rivals.rival_models(models[0], measurements, sizes, scene, report)
+    stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
     evidence = Evidence(
         records=left,
@@ -194,26 +196,22 @@ def identify(
         spring=rivals.next_power(base, sizes) if explained else None,
         errors=base.relative_errors,
         assumptions=assumptions(base) if explained else [],
-        whole=kept_aside(narrow, aside, where, left, scene.run.seed, follow_last) if where else [],
+        whole=kept_aside(narrow, aside, where, left, scene.run.seed, stages) if where else [],
         visited=where,
     )
     return _concluded(
-        scene, measurements, base, undetermined, evidence, clock, posterior, analysed, follow
+        scene, measurements, base, undetermined, evidence, clock, posterior, analysed, stages
     )
 
 
-def _concluded(
-    scene, measurements, base, kept, evidence, clock, posterior, analysed, follow=lambda *_: None
-):
+def _concluded(scene, measurements, base, kept, evidence, clock, posterior, analysed, stages):
     """The result, with the posterior if it is asked for."""
     from harvester.identification.identification import Identification
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.verdict import verdict
 
-    def follow_last(share: float) -> None:
-        follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, "posterior")
-
-    sampled = posterior_of(base, scene.run.seed, follow_last) if posterior else None
+    stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
+    sampled = posterior_of(base, scene.run.seed, stages) if posterior else None
     return Identification(
         scene=base.scene,
         start=scene,
@@ -256,7 +254,11 @@ def _measurements(scene, records):
 
 
 def _determined(
-    scene: Scene, measurements: list[Measurement], keys: list[str], drop: bool
+    scene: Scene,
+    measurements: list[Measurement],
+    keys: list[str],
+    drop: bool,
+    follow: Callable[[float], object],
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
@@ -264,7 +266,7 @@ def _determined(
 
     undetermined: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
-    model = fitted(scene, measurements, keys, sizes)
+    model = fitted(scene, measurements, keys, sizes, None, follow)
     while drop and model.undetermined and len(model.keys) > 1:
         unclear = model.undetermined[0]
         # The first of `KEPT_FIRST` that belongs to the direction, else the direction's first key.
@@ -273,5 +275,6 @@ def _determined(
             unclear.keys[0],
         )
         undetermined.append((out, unclear))
-        model = fitted(scene, measurements, [key for key in model.keys if key != out], sizes)
+        kept = [key for key in model.keys if key != out]
+        model = fitted(scene, measurements, kept, sizes, None, follow)
     return model, undetermined

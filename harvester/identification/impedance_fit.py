@@ -79,10 +79,6 @@ class ButterworthVanDyke:
         """Series resonance fs of each mode (Hz)."""
         return np.exp(self.parameters[2::3])
 
-    def admittance(self, frequency: np.ndarray) -> np.ndarray:
-        """The circuit's admittance Y (S) at frequencies (Hz)."""
-        return _branches(frequency, self.parameters).sum(axis=1)
-
     def numbers(self, mode: int) -> dict[str, float]:
         """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
 
@@ -324,8 +320,6 @@ WRONG_UNIT = 100.0
 # The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
 SURE_OF_LOSS = 3.0
 SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
-# Most secant steps of k1 to reach the wanted stiffness at rest.
-SECANTS = 30
 
 
 @dataclass(frozen=True)
@@ -421,34 +415,26 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
-    stiffness = mass * (2.0 * math.pi * branch["series_resonance"]) ** 2
-    first = _linear_term(scene, spring_key, stiffness)
-    keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
-    keys += ["piezo.leakage_resistance"] if leaks else []
-
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
-    clamped = branch["capacitance"]
-    values = [
-        first,
-        mass * rate / branch["quality"],
-        rate * math.sqrt(mass * clamped * share / (1.0 - share)),
-        clamped,
-    ]
-    values += [1.0 / (rate * clamped * branch["loss_tangent"])] if leaks else []
-    scene = scene.replace(dict(zip(keys, values, strict=True)))
-    part = _own_admittance(scene, circuit, mode, measured.frequency)
-    measured = replace(measured, background=circuit.admittance(measured.frequency) - part)
-    return FromImpedance(circuit, mode, measured, scene, keys)
-
-
-def _own_admittance(scene, circuit, mode, frequency):
-    """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
-    branch = circuit.numbers(mode)
-    rate, ratio = 2j * math.pi * frequency, frequency / branch["series_resonance"]
-    motional = branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
-    leak = scene.transducer.leakage_resistance
-    admittance = rate * branch["capacitance"] + (1.0 / leak if leak else 0.0)
-    return admittance + rate * motional / (1.0 - ratio**2 + 1j * ratio / branch["quality"])
+    clamped, stiffness = branch["capacitance"], mass * rate**2
+    begun = numbers(scene)[spring_key][0]
+    values = {
+        # Of a spring without constant and even terms this gives the stiffness at rest exactly.
+        spring_key: begun * stiffness / (mass * resting) if begun and resting > 0.0 else stiffness,
+        "oscillator.damping": mass * rate / branch["quality"],
+        "piezo.coupling": rate * math.sqrt(mass * clamped * share / (1.0 - share)),
+        "piezo.capacitance": clamped,
+    }
+    if leaks:
+        values["piezo.leakage_resistance"] = 1.0 / (rate * clamped * branch["loss_tangent"])
+    scene = scene.replace(values)
+    # What the scene has no part for: other modes, and the loss but for a leak.
+    branches = _branches(measured.frequency, circuit.parameters)
+    background = branches.sum(axis=1) - branches[:, 1 + mode]
+    background -= 2j * math.pi * measured.frequency * clamped
+    background -= 1.0 / (scene.transducer.leakage_resistance or math.inf)
+    measured = replace(measured, background=background)
+    return FromImpedance(circuit, mode, measured, scene, list(values))
 
 
 def _spring_key(scene):
@@ -459,33 +445,6 @@ def _spring_key(scene):
         f"{scene.name}: an impedance determines the stiffness at rest, and this spring has no "
         "linear term of its own: give it as restoring_force"
     )
-
-
-def _linear_term(scene, key, stiffness):
-    """k1 with which the device has this stiffness where it rests (N/m)."""
-    mass, begun = (numbers(scene)[name][0] for name in ("oscillator.mass", key))
-
-    def off(k1):
-        try:
-            system = prepared(scene.replace({key: float(k1)})).system
-        except SceneError:
-            return math.nan
-        return mass * float(system.spring.slope(timescales.rest(system))) / stiffness - 1.0
-
-    one = begun or stiffness
-    other = one / (1.0 + off(one)) if off(one) > -1.0 else stiffness
-    before, now = off(one), off(other)
-    for _ in range(SECANTS):
-        if abs(now) < 1e-12 or now == before:
-            break
-        one, other, before = other, other - now * (other - one) / (now - before), now
-        now = off(other)
-    if not abs(now) < 1e-9:
-        raise IdentificationError(
-            f"{scene.name}: no linear stiffness gives the device {stiffness:.4g} N/m where it "
-            "rests: begin from a scene whose spring is nearer to that"
-        )
-    return other
 
 
 def _check_capacitance(scene, capacitance, where):

@@ -10,12 +10,15 @@ Noise of the base's sensor drives the model, so the residuals that it causes are
 resonance and largest where the values have their effect. A single record shows their spectrum there
 by some ten independent lines, and a smoothed spectrum is too low. Hence the spectrum is simulated:
 white noise is added to the acceleration and sent through the model in the fit's own windows. Its
-size relative to the outputs' white noise is the one that explains the residuals (Whittle's
-likelihood).
+size is that of the record's own floor, within what the residuals' spectrum allows beside the
+outputs' white noise (Whittle's likelihood). Both noises are compared with the residuals after what
+windows' starts and values explain of them is removed: short windows absorb noise in the motion's
+band.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -45,6 +48,8 @@ DRAWS = 16
 LEAST_BASE_NOISE = 1e-6
 # Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
 WHITTLE_STEPS = 5
+# Standard errors by which residuals exclude the noise that the base's own record shows.
+SURE_OF_SHARE = 2.0
 
 
 def interval(value: float, standard_error: float) -> tuple[float, float]:
@@ -123,21 +128,22 @@ def normal_equations(
         parts.append((without_states(effects, states, edges - edges[0]), states, left))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
+    inverse = _inverse(normal + _ridge(normal))
     # Residuals that an error of a known value has caused are no noise.
-    step = -_inverse(normal + _ridge(normal)) @ gradient if further else 0.0 * gradient
+    step = -inverse @ gradient if further else 0.0 * gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
         free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
         scores = np.einsum("noi,no->ni", columns, left)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        noise = covariance_of_scores(shooting, fit, number, states, left, columns)
+        noise = covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
         fitted_away = left.shape[0] / max(free, 1)
         meats.append(
             (
                 _meat(columns, left) * fitted_away,
                 blocks.T @ blocks * BLOCKS / (BLOCKS - 1),
-                noise * fitted_away,
+                noise,
             )
         )
     return NormalEquations(gradient, normal, tuple(map(sum, zip(*meats, strict=True))))
@@ -225,6 +231,7 @@ def covariance_of_scores(
     states: np.ndarray,
     left: np.ndarray,
     columns: np.ndarray,
+    inverse: np.ndarray,
 ) -> np.ndarray:
     """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
 
@@ -238,23 +245,33 @@ def covariance_of_scores(
         Residuals.
     columns : ndarray, shape (samples, outputs, columns)
         Derivatives by the values, without what the windows' starts explain.
+    inverse : ndarray, shape (columns, columns)
+        Inverse of the normal matrix of all experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
+    random, (samples, outputs) = np.random.default_rng(0), left.shape
+    drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
+    drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
+    for output in range(outputs):
+        drawn[:, output, 1 + output] = random.standard_normal((samples, DRAWS))
     cuts = fit.edges[number] - fit.edges[number][0]
-    drawn = without_states(_drawn(shooting, fit, number), states, cuts)
-    of_base, of_outputs = _sizes(left, drawn)
+    drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    from_base = of_base / drawn.shape[-1] * scores @ scores.T
+    # The fit takes from noise what windows' starts and values explain.
+    drawn -= columns @ (inverse @ scores)
+    of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
+    of_draws = scores[:, :DRAWS]
+    from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
-def _drawn(shooting, fit, number):
+def _drawn_base(shooting, fit, number, random):
     """Weighted residuals from drawn noise of the base's sensor, shape (samples, outputs, draws)."""
     measurement = shooting.responses.experiments[number].measurement
     base, rate = measurement.acceleration, measurement.sampling_rate
     size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
-    noise = size * np.random.default_rng(0).standard_normal((base.size, DRAWS))
+    noise = size * random.standard_normal((base.size, DRAWS))
     residuals = shooting.responses.moved_by_noise(
         number, noise, fit.values, fit.edges[number], fit.starts[number]
     )
@@ -262,17 +279,21 @@ def _drawn(shooting, fit, number):
 
 
 def _sizes(left, drawn):
-    """Share of the drawn spectrum in the residuals', and each output's own mean square."""
+    """Share of the drawn base noise's power in the residuals, and each output's mean square.
+
+    The share is 1, the noise that the base's record shows, where the residuals allow it: they
+    neither need more nor exclude so much by `SURE_OF_SHARE` standard errors.
+    """
     from scipy.optimize import nnls
 
-    samples, outputs = left.shape
-    seen = np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples
-    shape = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
-    white = np.kron(np.eye(outputs), np.ones((seen.shape[0], 1)))
-    parts = np.column_stack([shape.T.ravel(), white])
-    spectrum = seen.T.ravel()
-    explained = np.repeat(np.maximum(seen.mean(axis=0), 1e-300), seen.shape[0])
+    samples = left.shape[0]
+    spectrum = (np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples).T.ravel()
+    powers = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
+    parts = powers.swapaxes(0, 1).reshape(spectrum.size, -1)
+    explained = np.full(spectrum.size, np.maximum(spectrum.mean(), 1e-300))
     for _ in range(WHITTLE_STEPS):
-        sizes = nnls(parts / explained[:, None], spectrum / explained)[0]
+        weighted = parts / explained[:, None]
+        sizes = nnls(weighted, spectrum / explained)[0]
         explained = np.maximum(parts @ sizes, 1e-12 * explained.max())
-    return sizes[0], sizes[1:]
+    error = math.sqrt(max(_inverse(weighted.T @ weighted)[0, 0], 0.0)) if parts[:, 0].any() else 0.0
+    return np.clip(1.0, sizes[0], sizes[0] + SURE_OF_SHARE * error), sizes[1:]

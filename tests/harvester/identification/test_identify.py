@@ -74,6 +74,21 @@ def test_an_asymmetric_device_is_found_with_narrow_intervals_and_good_prediction
     assert found.proposed.name == "as given"
 
 
+@pytest.mark.slow
+def test_a_fit_says_how_far_it_is_and_its_share_never_falls():
+    truth, heard = asymmetric(), []
+    identify(
+        truth,
+        record(truth, 11, samples=1500),
+        compare=False,
+        progress=lambda share, words: heard.append((share, words)),
+    )
+    shares = [share for share, _ in heard]
+    assert shares == sorted(shares)
+    # Each start of the search and each length of the windows is one report.
+    assert len({share for share, words in heard if words == "fit"}) > 5
+
+
 @pytest.mark.exhaustive
 def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     truth = asymmetric()
