@@ -236,8 +236,9 @@ def _of_the_best(models):
     """Models that predict as well as the best, within two standard errors or `NOTED`."""
     better = [model for model in models if model.is_better and model.explains]
     if not better:
-        tried = [model for model in models if model.fitted and not model.is_better]
-        return [model for model in tried if model.is_as_good]
+        own, *others = [model for model in models if model.fitted and not model.is_better]
+        simpler = [model for model in others if len(model.fitted.keys) < len(own.fitted.keys)]
+        return [own, *(model for model in simpler if model.is_as_good)]
     best = min(better, key=lambda model: model.better)
     return [
         model

@@ -15,7 +15,7 @@ from harvester.identification.rivals import proposed, undecided
 RATE, SAMPLES, REACH = 600.0, 2400, 2e-3
 STIFFNESS = 0.01 * (2.0 * np.pi * 20.0) ** 2
 PIEZO = {"piezo": {"coupling": 1e-3, "capacitance": 5e-8}}
-LOADS, NOISE = (2e5, 6e4), 0.004
+LOADS, NOISE = (2e5, 6e4), 0.01
 HARDENING = 0.4 * STIFFNESS / REACH**2
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.identification.identifiability import Assumption
-from harvester.identification.rivals import NextPower, Rival
+from harvester.identification.rivals import NextPower, Rival, proposed
 from harvester.identification.validation_record import (
     ImpedanceRecord,
     ResponseRecord,
@@ -97,6 +97,8 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
     given = verdict(Evidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
     assert given.word == "wrong"
     assert given.sentence.endswith("drag leaves 1.00% and is proposed")
+    # A rival with as many values that is hardly better is not proposed in place of the scene's own.
+    assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
     untried = Rival("drag", None, remark="not tried: its values did not move")
     assert verdict(Evidence([BAD], [own, untried])).word == "incomplete"
 
