@@ -302,7 +302,12 @@ class Identification(ResultBase):
                 "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(record) for record in self.records],
-                "spring": self.evidence.spring,
+                "misfits": [
+                    {"record": record.name, **part._asdict()}
+                    for record in self.records
+                    for part in record.unexplained
+                ],
+                "spring_shape": self.evidence.spring and self.evidence.spring._asdict(),
                 "assumptions": list(self.evidence.assumptions),
                 "visited": self.visited,
                 "kept_aside": [record.to_dict() for record in self.kept_aside],
@@ -398,7 +403,6 @@ def _record(record):
         "outputs": record.outputs,
         "nrmse": {name: record.nrmse(n) for n, name in enumerate(record.outputs)},
         "sensor_noise": {name: record.noise(n) for n, name in enumerate(record.outputs)},
-        "unexplained": [part._asdict() for part in record.unexplained],
         "residuals_white": white.white,
         "whiteness_probability": white.probability,
         "windows": record.windows,
