@@ -282,6 +282,7 @@ class Identification(ResultBase):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        white = self.records[0].whiteness()
         return plain(
             {
                 "scene": self.scene,
@@ -311,6 +312,8 @@ class Identification(ResultBase):
                 "assumptions": list(self.evidence.assumptions),
                 "visited": self.visited,
                 "kept_aside": [record.to_dict() for record in self.kept_aside],
+                "residuals_white": white.white,
+                "whiteness_probability": white.probability,
                 "candidates": [
                     {
                         "model": rival.name,
@@ -397,14 +400,11 @@ def _values(fitted):
 
 def _record(record):
     names = ("measured", "predicted", "relative_difference", "free")
-    white = record.whiteness()
     return {
         "name": record.name,
         "outputs": record.outputs,
         "nrmse": {name: record.nrmse(n) for n, name in enumerate(record.outputs)},
         "sensor_noise": {name: record.noise(n) for n, name in enumerate(record.outputs)},
-        "residuals_white": white.white,
-        "whiteness_probability": white.probability,
         "windows": record.windows,
         "compared": record.compared[0],
         **{
