@@ -48,6 +48,8 @@ CAPTION = (
     "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
     "densities from one start alone); orange: the difference in windows."
 )
+# Verdicts of models whose values are claimed.
+CLAIMING = ("predicts", "fits")
 # Units of a sensor's effects.
 SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz", "resistance": "Ω"}
 POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
@@ -189,26 +191,23 @@ class Identification(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval and unit."""
-        header, rows = ["parameter", "value", "95 % interval", "unit", "state"], self._rows()
+        header, rows = ["parameter", "value ± 95 % interval", "unit", "state"], self._rows()
         if self.posterior:
             header.append("posterior's 95 %")
-            for row, ends in zip(rows, self.posterior.intervals.values(), strict=True):
-                row.append(_interval(*ends))
+            for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
+                row.append(f"{low:.5g} … {high:.5g}")
         return header, rows
 
     def _rows(self, rival=None):
-        """Name, value, interval, unit and state of each value of a model."""
+        """Name, value with half of its interval, unit and state of each value of a model."""
         model, rows = rival or self.fitted, []
         unclear = {key for direction in model.undetermined for key in direction.keys}
         for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
-            cells = [
-                value_and_error(value, HALF_INTERVAL * error),
-                _interval(*interval(value, error)),
-            ]
+            printed = value_and_error(value, HALF_INTERVAL * error)
             state = "identified" if rival else self._state(key)
             if key in unclear:
-                cells, state = [Printed("undetermined", value), "—"], "undetermined"
-            rows.append([key, *cells, self._unit(key), state])
+                printed, state = Printed("undetermined", value), "undetermined"
+            rows.append([key, printed, self._unit(key), state])
         return rows
 
     def _unit(self, key):
@@ -229,6 +228,8 @@ class Identification(ResultBase):
         """How far the records determine a value."""
         if key in self.undetermined:
             return "undetermined"
+        if self.verdict.word not in CLAIMING:
+            return "not claimed"
         # These are coefficients about x = 0, where the records have no motion.
         if self.visited and key in self.visited.values:
             return "extrapolated"
@@ -281,6 +282,7 @@ class Identification(ResultBase):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        white = self.records[0].whiteness()
         return plain(
             {
                 "scene": self.scene,
@@ -301,10 +303,17 @@ class Identification(ResultBase):
                 "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(record) for record in self.records],
-                "spring": self.evidence.spring,
+                "misfits": [
+                    {"record": record.name, **part._asdict()}
+                    for record in self.records
+                    for part in record.unexplained
+                ],
+                "spring_shape": self.evidence.spring and self.evidence.spring._asdict(),
                 "assumptions": list(self.evidence.assumptions),
                 "visited": self.visited,
                 "kept_aside": [record.to_dict() for record in self.kept_aside],
+                "residuals_white": white.white,
+                "whiteness_probability": white.probability,
                 "candidates": [
                     {
                         "model": rival.name,
@@ -379,10 +388,6 @@ def _condition(known):
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 
 
-def _interval(low, high):
-    return f"{low:.5g} … {high:.5g}"
-
-
 def _counted(count, noun):
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -395,15 +400,11 @@ def _values(fitted):
 
 def _record(record):
     names = ("measured", "predicted", "relative_difference", "free")
-    white = record.whiteness()
     return {
         "name": record.name,
         "outputs": record.outputs,
         "nrmse": {name: record.nrmse(n) for n, name in enumerate(record.outputs)},
         "sensor_noise": {name: record.noise(n) for n, name in enumerate(record.outputs)},
-        "unexplained": [part._asdict() for part in record.unexplained],
-        "residuals_white": white.white,
-        "whiteness_probability": white.probability,
         "windows": record.windows,
         "compared": record.compared[0],
         **{

@@ -210,6 +210,8 @@ def test_what_a_record_does_not_tell_is_named_with_what_it_does():
     ]
     found = identify(truth, made, free=[*keys, "piezo.capacitance"], compare=False)
     assert found.undetermined >= set(keys[:3])
+    printed = {row[0]: row[1] for row in found.table().rows}
+    assert {printed[key] for key in found.undetermined} == {"undetermined"}
     assert any("·" in line and "not determined apart" in line for line in found.sentences())
 
 

@@ -11,8 +11,6 @@ from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import read_measurement
-from harvester.identification.validation_record import ResponseRecord
-from harvester.identification.verdict import Evidence, verdict
 from harvester.scene.numbers import numbers
 
 MASS, DAMPING, RESISTANCE = 0.01, 0.05, 3e5
@@ -191,17 +189,3 @@ def test_a_conjugated_response_is_told_by_its_rising_phase(turned):
     phases = np.exp(2j * np.pi * rng.random(FREQUENCY.size))
     MeasuredResponse(FREQUENCY, np.abs(seen) * phases).check()
     MeasuredResponse(FREQUENCY, np.abs(seen)).check()
-
-
-def test_an_unexplained_response_is_nothing_to_judge_by_only_if_it_is_noise():
-    """A model that predicts nothing, of an inverted response and of one with phases by chance."""
-    seen = -response(np.random.default_rng(9))
-    rough = seen * np.exp(2j * np.pi * np.random.default_rng(10).random(FREQUENCY.size))
-    for values, word in ((seen, "incomplete"), (rough, "nothing")):
-        parts = np.column_stack([values.real, values.imag])
-        record = ResponseRecord(
-            name="sweep.csv", outputs=("real part", "imaginary part"), rate=3.0, measured=parts,
-            windowed=0.0 * parts, free=0.0 * parts, windows=1, resistance=None, frequency=FREQUENCY,
-            motion=10.0,
-        )  # fmt: skip
-        assert verdict(Evidence([record.judged()])).word == word

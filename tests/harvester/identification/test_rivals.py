@@ -20,8 +20,9 @@ HARDENING = 0.4 * STIFFNESS / REACH**2
 
 
 def scene(force, **oscillator):
-    made = scene_of(0.01, 0.03, force, PIEZO, LOADS[0])
-    return made.replace({f"oscillator.{key}": value for key, value in oscillator.items()})
+    values = {"restoring_force": force, **oscillator}
+    made = scene_of(0.01, 0.03, force[:2], PIEZO, LOADS[0])
+    return made.replace({f"oscillator.{key}": value for key, value in values.items()})
 
 
 def records(truth, alter=lambda record: record, rms=9.0, outputs=("voltage",)):
@@ -75,7 +76,7 @@ def misstated(record):
 
 
 CUBIC = [0.0, STIFFNESS, 0.0, HARDENING]
-SOFT = [0.0, STIFFNESS, 0.0, -0.1 * STIFFNESS / REACH**2]
+SOFT = [0.0, STIFFNESS, 0.0, -0.05 * STIFFNESS / REACH**2]
 RANGE = {"restoring_force_range": [-4.0 * REACH, 4.0 * REACH]}
 STOPPERS = {"gap": 1.2e-3, "stiffness": 8e4, "restitution": 0.7}
 # Name → force of the truth, further values of it, force to begin with, and what is done to records.
