@@ -146,7 +146,7 @@ def normal_equations(
                 noise,
             )
         )
-    return NormalEquations(gradient, normal, tuple(map(sum, zip(*meats, strict=True))))
+    return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
 
 
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
