@@ -322,7 +322,7 @@ def _structures(
             "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],
             "restitution": 0.7,
         }
-        free = [*keys, "stoppers.gap", "stoppers.stiffness"]
+        free = [*keys, *(f"stoppers.{key}" for key in table)]
         yield "stoppers", scene.replace(stoppers=table), free
 
 

@@ -10,6 +10,7 @@ from scipy import signal
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement
 from harvester.identification.rivals import proposed, undecided
+from harvester.identification.sensors import integrals
 
 # 10 g at 20 Hz, hardening within 2 mm.
 RATE, SAMPLES, REACH = 600.0, 2400, 2e-3
@@ -69,6 +70,16 @@ def delayed(record):
     return replace(record, voltage=np.fft.irfft(turned, SAMPLES))
 
 
+def raised(record):
+    return replace(record, voltage=record.voltage + 0.3 * record.voltage.std())
+
+
+def of_the_room(record):
+    """The velocity that a laser beside the shaker shows."""
+    base = integrals(record.acceleration, RATE, np.arange(SAMPLES))[0]
+    return replace(record, velocity=record.velocity + base)
+
+
 def misstated(record):
     """The second record's load is stated as half of what it is."""
     load = record.changes["load.resistance"]
@@ -93,15 +104,28 @@ CASES = {
     "gain of the voltage": (CUBIC, {}, CUBIC, scaled("voltage", 1.1)),
     "gain of the acceleration": (CUBIC, {}, CUBIC, scaled("acceleration", 1.1)),
     "load of record1.csv": (CUBIC, {}, CUBIC, misstated),
+    "stoppers": (CUBIC[:2], {}, CUBIC[:2], None),
+    "offset of the voltage": (CUBIC, {}, CUBIC, raised),
+    "swapped polarity of the voltage": (CUBIC, {}, CUBIC, scaled("voltage", -1.0)),
+    "velocity in the room": (CUBIC, {}, CUBIC, of_the_room),
 }
+
+
+def case(name):
+    """The scene to begin with, and the records."""
+    force, more, begun, alter = CASES[name]
+    truth = scene(force, **more)
+    if name == "stoppers":
+        truth = truth.replace(stoppers=STOPPERS)
+    outputs = ("voltage", "velocity") if name == "velocity in the room" else ("voltage",)
+    taken = records(truth, alter or (lambda record: record), outputs=outputs)
+    return scene(begun, damping=0.035), taken
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", CASES)
 def test_a_rival_is_found_where_it_is_the_truth(name):
-    force, more, begun, alter = CASES[name]
-    taken = records(scene(force, **more), alter or (lambda record: record))
-    found = identify(scene(begun, damping=0.035), taken)
+    found = identify(*case(name))
     assert found.verdict.word == "wrong", found.sentences()
     equal = [proposed(found.rivals), *undecided(found.rivals)]
     assert any(rival.name.startswith(name) for rival in equal), found.sentences()
