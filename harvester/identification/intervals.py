@@ -235,7 +235,7 @@ def covariance_of_scores(
 ) -> np.ndarray:
     """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
 
-    Zero of a frequency response or an impedance.
+    Of a frequency response or an impedance that of white residuals.
 
     Parameters
     ----------
@@ -248,9 +248,11 @@ def covariance_of_scores(
     inverse : ndarray, shape (columns, columns)
         Inverse of the normal matrix of all experiments.
     """
-    if not isinstance(shooting.responses.experiments[number], Experiment):
-        return np.zeros((columns.shape[-1], columns.shape[-1]))
     random, (samples, outputs) = np.random.default_rng(0), left.shape
+    if not isinstance(shooting.responses.experiments[number], Experiment):
+        free = max(samples - columns.shape[-1] / outputs, 1.0)
+        of_outputs = np.sum(left**2, axis=0) / free
+        return np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
     for output in range(outputs):
