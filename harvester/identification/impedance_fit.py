@@ -18,7 +18,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.identification.intervals import HALF_INTERVAL, interval
+from harvester.identification.intervals import HALF_INTERVAL, correlation_factor, interval
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
@@ -274,26 +274,10 @@ def _concluded(frequency, impedance, parameters):
     for columns, residuals, size in zip(
         (slopes.real, slopes.imag), (off.real, off.imag), noise, strict=True
     ):
-        normal += columns.T @ columns / (size**2 * _correlation(residuals))
+        normal += columns.T @ columns / (size**2 * correlation_factor(residuals))
     scale = np.sqrt(np.diag(normal))
     covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
     return ButterworthVanDyke(parameters, covariance, noise)
-
-
-def _correlation(residuals):
-    """Factor by which correlated residuals count less than white ones, at least 1.
-
-    1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
-    """
-    n = residuals.size
-    values = residuals - residuals.mean()
-    total, square = 1.0, float(values @ values)
-    for lag in range(1, n // 4):
-        share = float(values[lag:] @ values[:-lag]) / square if square > 0.0 else 0.0
-        if share < 3.0 / math.sqrt(n):
-            break
-        total += 2.0 * share
-    return total
 
 
 def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:

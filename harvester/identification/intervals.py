@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.response import Experiment
+from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
 from harvester.identification.validation_record import HALF_INTERVAL, base_noise
 
@@ -134,6 +134,12 @@ def normal_equations(
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
+        if isinstance(shooting.responses.experiments[number], SteadyExperiment):
+            # Lines of a response or an impedance are few, and their residuals mostly white.
+            free = max(left.shape[0] - columns.shape[-1] / left.shape[1], 1.0)
+            sizes = [float(part @ part) / free * correlation_factor(part) for part in left.T]
+            meats.append((np.einsum("o,noi,noj->ij", sizes, columns, columns),) * 3)
+            continue
         free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
         scores = np.einsum("noi,no->ni", columns, left)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
@@ -188,6 +194,22 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     return student**2 * (records - 1) / records * moves.T @ moves
 
 
+def correlation_factor(residuals: np.ndarray) -> float:
+    """Factor by which correlated residuals count less than white ones, at least 1.
+
+    1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
+    """
+    n = residuals.size
+    values = residuals - residuals.mean()
+    total, square = 1.0, float(values @ values)
+    for lag in range(1, n // 4):
+        share = float(values[lag:] @ values[:-lag]) / square if square > 0.0 else 0.0
+        if share < 3.0 / math.sqrt(n):
+            break
+        total += 2.0 * share
+    return total
+
+
 def _meat(columns, residuals):
     """Jᵀ Γ J of one experiment, over all pairs of outputs."""
     from scipy import signal
@@ -235,7 +257,7 @@ def covariance_of_scores(
 ) -> np.ndarray:
     """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
 
-    Of a frequency response or an impedance that of white residuals.
+    Zero without a base whose motion was recorded.
 
     Parameters
     ----------
@@ -248,11 +270,9 @@ def covariance_of_scores(
     inverse : ndarray, shape (columns, columns)
         Inverse of the normal matrix of all experiments.
     """
-    random, (samples, outputs) = np.random.default_rng(0), left.shape
     if not isinstance(shooting.responses.experiments[number], Experiment):
-        free = max(samples - columns.shape[-1] / outputs, 1.0)
-        of_outputs = np.sum(left**2, axis=0) / free
-        return np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
+        return np.zeros((columns.shape[-1], columns.shape[-1]))
+    random, (samples, outputs) = np.random.default_rng(0), left.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
     for output in range(outputs):
