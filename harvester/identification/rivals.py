@@ -191,6 +191,8 @@ def rival_models(
 
 def _tried(name, base, scene, measurements, keys, sizes, warm):
     """The rival, or why it cannot be fitted."""
+    if not keys:
+        return Rival(name, None, remark="not tried: none of its values is free")
     try:
         other = fitted(scene, measurements, keys, sizes, warm)
     except HarvesterError as error:
