@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -182,7 +182,7 @@ FEWEST_FOR_LINES = 20.0
 RULED_OUT = 9.0
 # A fit to responses may begin at these multiples of the scene's stiffness, damping and coupling;
 # the best few of these starts are fitted.
-GRID = (
+GRID: Any = (
     (("restoring_force", "stiffness"), np.geomspace(0.2, 5.0, 65)),
     (("damping",), (0.25, 1.0, 4.0)),
     (("coupling",), (0.3, 1.0, 3.0)),
@@ -272,7 +272,7 @@ def fitted(
         # The first model, of records of one kind, has the scene's mass.
         first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
     length = first.shooting.responses.length if first else prepared(scene).scales.displacement
-    parts = [*times, *(record.part(~record.aside) for record in lines)]
+    parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
     responses = responses_of(scene, parts, keys, length, FINE_STEPS)
     free = unknowns(scene, keys, sizes)
     if not lines:
@@ -303,18 +303,16 @@ def fitted(
     for _ in range(WEIGHTINGS if lines else 0):
         fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
     covariance = sum((np.outer(d, d) for d in others), intervals.covariance(shooting, fit))
-    count, settled, stretches = len(times), None, []
+    records: list[Any] = []
+    settled = None
     if times:
-        ends = [
-            (length, record.acceleration.size)
-            for length, record in zip(_lengths(times), times, strict=True)
-        ]
-        stretches, settled = predicted(*shooting.of_first(count, fit), ends)
-    aside = responses_of(
-        scene, [record.part(record.aside) for record in lines], keys, length, FINE_STEPS
-    )
-    stretches += [predicted_lines(aside, fit.values, number) for number in range(len(lines))]
-    return Fitted.concluded(scene, shooting, fit, covariance, stretches, settled)
+        ends = [record.acceleration.size for record in times]
+        alone, windows = shooting.of_first(len(times), fit)
+        spans = list(zip(_lengths(times), ends, strict=True))
+        records, settled = predicted(alone, windows, spans)
+    kept = responses_of(scene, [r.part(r.aside) for r in lines], keys, length, FINE_STEPS)
+    records += [predicted_lines(kept, fit.values, number) for number in range(len(lines))]
+    return Fitted.concluded(scene, shooting, fit, covariance, records, settled)
 
 
 def _in_time(scene, times, coarse, fine, free, warm, follow):
@@ -350,7 +348,7 @@ def _of_lines(shooting, first, scene, count, joint):
     values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
     old = first.fit.edges, first.fit.starts, first.fit.noise
     # Windows of records in time are taken over.
-    windows = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
+    windows: Any = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
     starts = [values]
     coupling = previous.get("piezo.coupling")
     if joint and coupling and MASS in shooting.responses.keys and scene.transducer:

@@ -432,7 +432,8 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     branches = _branches(measured.frequency, circuit.parameters)
     background = branches.sum(axis=1) - branches[:, 1 + mode]
     background -= 2j * math.pi * measured.frequency * clamped
-    background -= 1.0 / (scene.transducer.leakage_resistance or math.inf)
+    leakage = numbers(scene).get("piezo.leakage_resistance", (0.0,))[0]
+    background -= 1.0 / (leakage or math.inf)
     measured = replace(measured, background=background)
     return FromImpedance(circuit, mode, measured, scene, list(values))
 

@@ -146,7 +146,7 @@ def normal_equations(
                 noise,
             )
         )
-    return NormalEquations(gradient, normal, tuple(map(sum, zip(*meats, strict=True))))
+    return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
 
 
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
@@ -281,8 +281,8 @@ def _drawn_base(shooting, fit, number, random):
 def _sizes(left, drawn):
     """Share of the drawn base noise's power in the residuals, and each output's mean square.
 
-    The share is 1, the noise that the base's record shows, where the residuals allow it: they
-    neither need more nor exclude so much by `SURE_OF_SHARE` standard errors.
+    The share is 1, the noise that the base's record shows, unless the residuals ask for more, or
+    exclude so much, by `SURE_OF_SHARE` standard errors.
     """
     from scipy.optimize import nnls
 
@@ -296,4 +296,5 @@ def _sizes(left, drawn):
         sizes = nnls(weighted, spectrum / explained)[0]
         explained = np.maximum(parts @ sizes, 1e-12 * explained.max())
     error = math.sqrt(max(_inverse(weighted.T @ weighted)[0, 0], 0.0)) if parts[:, 0].any() else 0.0
-    return np.clip(1.0, sizes[0], sizes[0] + SURE_OF_SHARE * error), sizes[1:]
+    share = sizes[0] if sizes[0] - SURE_OF_SHARE * error > 1.0 else 1.0
+    return min(share, sizes[0] + SURE_OF_SHARE * error), sizes[1:]

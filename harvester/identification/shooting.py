@@ -104,8 +104,8 @@ class Shooting:
         """The problem of the first experiments alone, and a fit's windows in them."""
         responses = self.responses
         alone = responses.replaced(responses.experiments[:count], responses.keys)
-        windows = (entries[:count] for entries in (fit.edges, fit.starts, fit.noise))
-        return self.beside(alone, self.unknowns, count), ShootingFit(fit.values, *windows)
+        windows = ShootingFit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
+        return self.beside(alone, self.unknowns, count), windows
 
     def residuals(
         self,

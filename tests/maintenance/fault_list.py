@@ -612,6 +612,13 @@ FAULTS = [
         OF_INTERVALS,
     ),
     Fault(
+        "identification: windows absorb nothing of the drawn noise",
+        INTERVALS,
+        "drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)",
+        "drawn = drawn.reshape(samples, outputs, -1)",
+        OF_INTERVALS,
+    ),
+    Fault(
         "identification: starts of windows are taken for known",
         "harvester/identification/shooting.py",
         "(block - explained)",
