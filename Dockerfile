@@ -1,4 +1,4 @@
-# harvester with ngspice: docs/install.md says how to build and run it.
+# harvester with ngspice: docs/how-to/install.md says how to build and run it.
 FROM python:3.11-slim-bookworm
 
 # The newest ngspice for the release, whichever that is: that of the backports takes compiled devices.

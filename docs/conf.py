@@ -1,4 +1,4 @@
-"""How Sphinx makes the site: `make docs` writes it to build/docs.
+"""How Sphinx builds the site: `make docs` writes it to build/docs.
 
 The source directory is the project's root, so that a link from one page to another, to a notebook
 or to a netlist is the same path on the site as in the repository.
@@ -6,6 +6,8 @@ or to a netlist is the same path on the site as in the repository.
 
 import html
 import re
+import tomllib
+from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math import MathError
@@ -13,16 +15,31 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.util import logging
 
 import harvester
+from harvester.cli.table import COMMANDS, app_of
+from harvester.device.beam.materials import ACTIVE, PASSIVE
 
 LOGGER = logging.getLogger(__name__)
+EXAMPLES = Path(__file__).parent / "examples.toml"
 
 project = "harvester"
 author = "the authors of harvester"
 version = release = harvester.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "notebooks/*.py", "CONTRIBUTING.md", "CHANGELOG.md"]
+include_patterns = [
+    "docs/**.md",
+    "docs/reference/api/*.rst",
+    "notebooks/*.py",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+]
 exclude_patterns = [".*", "build", "results", "*.egg-info"]
 
 myst_enable_extensions = ["dollarmath"]
@@ -39,7 +56,8 @@ nb_ipywidgets_js = {}
 nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
 
 default_role = "py:obj"
-autodoc_typehints = "none"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 
@@ -47,6 +65,12 @@ html_theme = "furo"
 # The site's root leads to its first page.
 html_additional_pages = {"index": "root.html"}
 templates_path = ["templates"]
+autosummary_context = {
+    "examples": {
+        name: f"import harvester\n{code}"
+        for name, code in tomllib.loads(EXAMPLES.read_text("utf-8")).items()
+    }
+}
 html_title = f"harvester {version}"
 html_show_copyright = False
 # Formulas are MathML: not every machine has a font for them, so that the site brings one.
@@ -78,6 +102,51 @@ def _visit_math_block(writer, node):
     raise nodes.SkipNode
 
 
+def _commands():
+    """Help of all commands, each with its example."""
+    app = app_of(COMMANDS)
+    text = app.generate_docs(output_format="markdown", recursive=True, heading_level=1)
+    _, _, text = text.partition("\n## harvester ")
+    for name, command in COMMANDS.items():
+        usage = f"```console\nharvester {name} "
+        assert usage in text, name
+        text = text.replace(usage, f"{usage}{command.example}\n```\n\n{usage}", 1)
+    return f"## harvester {text}"
+
+
+def _materials():
+    """Tables of the materials of beams."""
+    rows = ["| name | modulus, GPa | density, kg/m³ | source |", "| --- | --- | --- | --- |"]
+    for name, material in PASSIVE.items():
+        values = (name, f"{material.modulus / 1e9:.4g}", f"{material.density:g}", material.source)
+        rows.append(f"| {' | '.join(values)} |")
+    heads = ("name", "1/s11, GPa", "kg/m³", "d31, pm/V", "ε_S/ε0", "strain limit, 1e-4", "source")
+    rows += ["", f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
+    for name, layer in ACTIVE.items():
+        numbers = (
+            layer.modulus / 1e9,
+            layer.density,
+            layer.d31 * 1e12,
+            layer.permittivity,
+            layer.strain_limit * 1e4,
+        )
+        cells = (name, *(f"{number:.4g}" for number in numbers), layer.source)
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+GENERATED = {"commands": _commands, "materials": _materials}
+
+
+def _generate(app, docname, source):
+    """Replace the marks of generated parts by their text."""
+    for name, text in GENERATED.items():
+        mark = f"<!-- generated: {name} -->"
+        if mark in source[0]:
+            source[0] = source[0].replace(mark, text())
+
+
 def setup(app):
-    """Make known how formulas are written."""
+    """Register the writer of formulas, and the generated parts of pages."""
+    app.connect("source-read", _generate)
     app.add_html_math_renderer("mathml", (_visit_inline_math, None), (_visit_math_block, None))

@@ -1,18 +1,18 @@
-"""Writes docs/scene-keys.md from the declarations: `python docs/scene_keys.py`."""
+"""Writes docs/reference/scene-keys.md from the declarations: `python docs/scene_keys.py`."""
 
 from pathlib import Path
 
 from harvester.device.keys import SCALED, SI
 from harvester.scene.tables import KINDS, Top, all_tables
 
-PAGE = Path(__file__).parent / "scene-keys.md"
+PAGE = Path(__file__).parent / "reference" / "scene-keys.md"
 HEAD = """# Keys of a scene
 
 *Generated from the declarations: every key with its meaning, its unit and the values it accepts.*
 
 A dash in the column SI or scaled: scenes with these `units` may not have the key. Keys joined by
-"or" give the same property; a scene holds one of them. [Scenes](scenes.md) explains springs,
-stoppers and beams, [excitations](excitations.md) records and spectra, [loads](loads.md) netlists.
+"or" give the same property; a scene holds one of them. [A data
+sheet](../how-to/data-sheet.md) and [a drawing](../how-to/drawing.md) show their use.
 """
 
 

@@ -23,12 +23,8 @@
 import matplotlib.pyplot as plt
 
 import harvester
-from circuits.equivalent.assembly import assemble
-from harvester.results import figures
-from harvester.scene.prepared import prepared
-from harvester.studies.comparison.comparison import COMPARED
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## The scene
@@ -45,11 +41,11 @@ scene.to_tables()
 # %% [markdown]
 # ## The circuit
 #
-# Voltages stand for displacement, velocity and the piezo's voltage, a current into node `velocity`
-# for an acceleration. A scene without stoppers or cubic spring has a netlist without them.
+# Voltages represent displacement, velocity and the piezo's voltage, a current into node `velocity`
+# an acceleration. `harvester netlist paper` writes the netlist.
 
 # %%
-print(assemble(prepared(scene)).text)
+harvester.schematic(scene)
 
 # %% [markdown]
 # ## Three ways
@@ -84,7 +80,8 @@ harvester.explore(scene, ["excitation.intensity", "stoppers.gap"])
 
 # %%
 power = comparison.circuit.quantity("mean_power")
-apart = max(abs(comparison.difference(name)) for name in COMPARED)
+names = ("mean_power", "mean_square_voltage", "mean_square_displacement", "mean_square_velocity")
+apart = max(abs(comparison.difference(name)) for name in names)
 off = {name: comparison.deviation(name, "mean_power")[0] for name in comparison.closures}
 print(
     f"The device gives {power.estimate:.5f} ± {power.standard_error:.5f} scaled units of power; "

@@ -23,12 +23,11 @@
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.results import figures
 from harvester.validation import MEANS
 from harvester.validation.accuracy import bias_verdict
 from harvester.validation.accuracy_methods import ComparedMethod
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## A small diagram

@@ -25,13 +25,10 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.results import figures
 from harvester.validation.claims import METHODS, claims
-from harvester.validation.paper_drawing import draw
-from harvester.validation.reproduce import reproduce
 from harvester.validation.statements import CLAIMS, JUMPING
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 scene = harvester.Scene.read("paper")
 
 # %% [markdown]
@@ -42,7 +39,7 @@ scene = harvester.Scene.read("paper")
 # all of them, with longer runs where `--quick` is left out.
 
 # %%
-(fifth,) = reproduce(scene, ["fig5"], quick=True)
+(fifth,) = harvester.reproduce(scene, ["fig5"], quick=True)
 header, rows = fifth.table()
 for row in [header, *rows]:
     print(f"{row[1]:6} {row[2]:12} {row[6]:>36} {row[7]:>8}")
@@ -87,4 +84,4 @@ print(
     f"of the statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."
 )
-draw(fifth)
+fifth.figure()

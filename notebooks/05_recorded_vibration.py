@@ -28,9 +28,8 @@ import numpy as np
 from scipy.signal import welch
 
 import harvester
-from harvester.results import figures, palette
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## A record
@@ -124,7 +123,7 @@ left.set(
 )
 for engine, style in (("monte-carlo", "-"), ("circuit", "--")):
     waveform = results[engine].waveform
-    colour = palette.CIRCUIT if engine == "circuit" else palette.MONTE_CARLO
+    colour = "C0" if engine == "circuit" else "C1"
     right.plot(waveform.time, waveform.voltage, style, color=colour, label=engine)
 right.set(
     xlabel="time [s]", ylabel="voltage [V]", title="the piezo's voltage: paths part, means do not"

@@ -27,9 +27,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.results import figures
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## A record

@@ -28,9 +28,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.results import figures, palette
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 
 # %% [markdown]
 # ## A record
@@ -146,7 +145,7 @@ for k, (buffer, result) in enumerate(results.items()):
     factors = np.array([1.0, 1.0, 1.0 / 3600.0])
     values = factors * [each.estimate for each in found]
     errors = factors * [each.standard_error or 0.0 for each in found]
-    colour = (palette.MONTE_CARLO, palette.CIRCUIT)[k]
+    colour = ("C1", "C0")[k]
     left.bar(places + 0.4 * k, values, 0.4, yerr=errors, color=colour, label=buffer)
     stages = shares(result)
     rows = np.arange(len(stages)) + 0.4 * k

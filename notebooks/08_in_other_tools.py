@@ -30,10 +30,9 @@ import numpy as np
 import harvester
 from harvester.interop.block import block_of
 from harvester.interop.formats import write
-from harvester.results import figures
 from harvester.validation.other_programs import find_ngspice, find_vacask, read_raw
 
-plt.style.use(figures.STYLE)
+plt.style.use("harvester.results.house")
 folder = Path(tempfile.mkdtemp())
 
 # %% [markdown]

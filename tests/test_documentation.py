@@ -1,20 +1,24 @@
-"""What the documentation names is there: files, functions, commands, the load it shows."""
+"""Names in the documentation exist: files, functions, commands, keys; loads on pages are read."""
 
 import importlib
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import harvester
 import harvester.base.errors
+from circuits.netlist.expression import FUNCTIONS
 from circuits.netlist.subcircuits import read_load
 from harvester.cli.command_line import main, parsed
 from harvester.cli.table import COMMANDS
+from harvester.scene.tables import KINDS, Top, all_tables
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 
 
 def blocks(text, language):
@@ -63,12 +67,15 @@ def in_code(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_files_that_are_named_exist(page):
-    """Names with capitals, as NAME.lib, stand for the reader's own."""
+    """Names with capitals, as NAME.lib, and what a page tells to save are the reader's own."""
     named = re.compile(
         r"(?:harvester|circuits|netlists|tests|notebooks|docs)/[\w./]*|[\w/.]+\.(?:md|py)"
     )
+    saved = re.findall(r"[Ss]ave this (?:\w+ )?as\s+`([\w./]+)`", page.read_text(encoding="utf-8"))
     paths = [
-        word for word in in_code(page) if named.fullmatch(word) and not re.search("[A-Z]{2}_", word)
+        word
+        for word in in_code(page)
+        if named.fullmatch(word) and not re.search("[A-Z]{2}_", word) and word not in saved
     ]
     assert not [path for path in paths if not (ROOT / path).exists()]
 
@@ -92,25 +99,32 @@ def test_make_targets_and_commands_that_are_named_exist(page):
     words = [words.split() for words in (*in_code(page), *lines)]
     assert {each[1] for each in words if each[:1] == ["make"] and each[1:]} <= set(rules)
     said = {each[1] for each in words if each[:1] == ["harvester"] and each[1:]}
+    said.discard("COMMAND")
     assert {name for name in said if not name.startswith("-")} <= set(COMMANDS)
     ran = re.findall(r"-m pytest (\S+\.py)(?:::\w+)?", text)
     assert not [path for path in ran if not (ROOT / path).exists()]
 
 
 def test_the_reference_has_every_public_name_once():
-    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    named = re.findall(r"^\.\. auto\w+:: harvester\.(\w+)", text, re.MULTILINE)
-    named.remove("base")
+    text = (DOCS / "reference" / "python.md").read_text(encoding="utf-8")
+    named = re.findall(r"^   (\w+)$", text, re.MULTILINE)
     kinds = [name for name in vars(harvester.base.errors) if not name.startswith("_")]
     assert sorted(named) == sorted(set(harvester.__all__) - {"__version__", *kinds})
 
 
 def test_every_page_is_on_the_site():
-    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
     listed = [line for block in blocks(text, "{toctree}") for line in block.split()]
-    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    pages = {str(path.relative_to(DOCS).with_suffix("")) for path in DOCS.rglob("*.md")} - {"index"}
     notebooks = {f"../notebooks/{path.stem}" for path in (ROOT / "notebooks").glob("*.py")}
     assert {line for line in listed if not line.startswith(":")} >= pages | notebooks
+
+
+def test_the_gallery_shows_every_notebook():
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    names = [path.name for path in sorted((ROOT / "notebooks").glob("*.py"))]
+    pictures = re.findall(r"\[!\[.+?\]\((\S+)\)\]\(../notebooks/(\S+)\)", text)
+    assert pictures == [(f"thumbnails/{name[:2]}.png", name) for name in names]
 
 
 def test_the_readme_keeps_its_two_commands():
@@ -119,7 +133,7 @@ def test_the_readme_keeps_its_two_commands():
 
 
 def test_the_theory_names_functions():
-    text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    text = (DOCS / "explanation" / "theory.md").read_text(encoding="utf-8")
     assert len(set(re.findall(r"`((?:harvester|circuits)\.[\w.]+)`", text))) > 30
 
 
@@ -141,14 +155,40 @@ def test_the_help_of_a_command_holds_an_example_that_is_accepted(name, capsys):
     assert parsed(words[1:])
 
 
-@pytest.mark.parametrize("page", ["loads", "start"])
-def test_the_load_that_a_page_shows_is_one(page, tmp_path):
-    text, *_ = blocks((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"), "spice")
+@pytest.mark.parametrize("page", ["how-to/rectifier", "tutorials/first-hour", "how-to/node"])
+def test_the_load_on_a_page_is_read(page, tmp_path):
+    text, *_ = blocks((DOCS / f"{page}.md").read_text(encoding="utf-8"), "spice")
     path = tmp_path / "my_rectifier.lib"
     path.write_text(text)
     load = read_load(path)
     assert load.has_output
-    assert {each.letter for each in load.across_output} == {"c", "r"}
+    assert {element.letter for element in load.across_output} >= {"r"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_keys_in_fragments_of_scenes_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for block in blocks(text, "toml"):
+        for name, table in tomllib.loads(block).items():
+            cls = all_tables().get(name)
+            if cls is KINDS:
+                cls = KINDS[table.get("kind", "ornstein-uhlenbeck")]
+            if cls is None:
+                assert name in Top.KEYS or page.stem in ("CONTRIBUTING", "editor")
+                continue
+            assert set(table) <= {*cls.KEYS, "kind"}, (name, table)
+
+
+def test_the_reference_lists_every_function_of_expressions():
+    text = (DOCS / "reference" / "netlists.md").read_text(encoding="utf-8")
+    listed = text.partition("## Functions\n")[2].partition("Their meaning")[0]
+    assert sorted(re.findall(r"`(\w+)`", listed)) == sorted(FUNCTIONS)
+
+
+def test_tutorials_and_guides_have_their_size():
+    pages = {page.stem: page for page in DOCS.glob("how-to/*.md")}
+    words = {name: len(page.read_text(encoding="utf-8").split()) for name, page in pages.items()}
+    assert {name: count for name, count in words.items() if count > 900} == {}
 
 
 def test_the_citation_has_the_programs_version():

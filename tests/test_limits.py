@@ -1,4 +1,4 @@
-"""The limits that docs/safety.md states are those of the code."""
+"""The limits that docs/reference/safety.md states are those of the code."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from harvester.excitation import base
 from harvester.records import hdf5, mat, table
 from harvester.scene import steps, toml
 
-SAFETY = Path(__file__).parents[1] / "docs" / "safety.md"
+SAFETY = Path(__file__).parents[1] / "docs" / "reference" / "safety.md"
 ROWS = [
     ("**netlist**: a load", (reader.MOST_BYTES,)),
     ("**netlist**: a load", (expansion.MOST_CHARACTERS,)),

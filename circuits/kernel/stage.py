@@ -30,6 +30,8 @@ MOST_ITERATIONS = 40
 # The first applies to the velocity out of contact, where the force is smooth, relative to the
 # greatest so far. The second applies to other unknowns, and in contact.
 SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
+# A float64 holds the states of this many switches exactly, as the bits of an integer.
+SWITCHES_PER_KEY = 52
 # Relative change of displacement and velocity by which slopes of the force are computed.
 DIFFERENCE = 1e-6
 
@@ -82,8 +84,9 @@ class State(
     Attributes
     ----------
     code : addresses of the circuit's functions; `address` that of its memory.
-    slots, stride : place in it of the factors kept, and how many numbers each has; `keys`
-        (SLOTS + 1, 2) the step's δ and the switches' states that they are for, and which is next.
+    slots, stride : place in it of the factors kept, and how many numbers each has.
+    keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
+        slot are for; then the next slot and the last; then the δ and states that are looked for.
     motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
@@ -120,7 +123,7 @@ def fresh_state(circuit: Circuit) -> State:
         len(order.places),
         int(np.flatnonzero(core == n - 1)[0]),
         core,
-        np.zeros((SLOTS + 1, 2)),
+        np.zeros((SLOTS + 2, 2 + len(tables.switches) // SWITCHES_PER_KEY)),
         **dict(zip(lengths, views, strict=True)),
         latest=np.zeros(n + 1),
         closed=tables.switches[:, 4].copy(),
@@ -135,24 +138,38 @@ def fresh_state(circuit: Circuit) -> State:
 
 
 @merged
+def _has_wanted_key(keys: np.ndarray, slot: int) -> bool:
+    """Whether a slot's factors are for the δ and the switches in the last row of the keys."""
+    equal = True
+    for k in range(keys.shape[1]):
+        equal &= keys[slot, k] == keys[SLOTS + 1, k]
+    return equal
+
+
+@merged
 def slot_of(tables: Tables, state: State, delta: float) -> int:
     """The place in the memory of the factors for a step's δ, made if need be."""
-    keys = state.keys
-    key = 0.0
-    for k in range(state.closed.size):
-        key = 2.0 * key + state.closed[k]
+    keys, closed = state.keys, state.closed
+    wanted = SLOTS + 1
+    keys[wanted, 0] = delta
+    for word in range(1, keys.shape[1]):
+        key = 0.0
+        for k in range((word - 1) * SWITCHES_PER_KEY, min(word * SWITCHES_PER_KEY, closed.size)):
+            key = 2.0 * key + closed[k]
+        keys[wanted, word] = key
     slot = int(keys[SLOTS, 1])
-    if not (keys[slot, 0] == delta and keys[slot, 1] == key):
-        for k in range(state.closed.size):
-            state.switches[k] = tables.switch_values[k, state.closed[k]]
+    if not _has_wanted_key(keys, slot):
+        for k in range(closed.size):
+            state.switches[k] = tables.switch_values[k, closed[k]]
         slot = 0
         # The slots form a ring, so that the latest steps are found first.
-        while slot < SLOTS and not (keys[slot, 0] == delta and keys[slot, 1] == key):
+        while slot < SLOTS and not _has_wanted_key(keys, slot):
             slot += 1
         if slot == SLOTS:
             slot = int(keys[SLOTS, 0])
             keys[SLOTS, 0] = (slot + 1) % SLOTS
-            keys[slot, 0], keys[slot, 1] = delta, key
+            for word in range(keys.shape[1]):
+                keys[slot, word] = keys[wanted, word]
             address = state.slots + slot * state.stride
             call(state.code.factor, state.address, address, delta, 0.0, 0.0)
         keys[SLOTS, 1] = slot

@@ -19,11 +19,17 @@ def beam(scene: Scene) -> BeamValues:
     ----------
     scene : Scene
         One with the table [beam].
+
+    Examples
+    --------
+    ::
+
+        harvester beam bimorph --output results
     """
     if scene.beam is None:
         raise SceneError(
-            f"{scene.name}: there is no table [beam] in it; docs/beams.md shows one, and so does "
-            "harvester beam bimorph"
+            f"{scene.name}: there is no table [beam] in it; docs/how-to/drawing.md shows one, "
+            "and so does harvester beam bimorph"
         )
     from harvester.results.beam_values import BeamValues
 

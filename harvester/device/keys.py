@@ -16,7 +16,7 @@ from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
-from harvester.base.numbers import NotANumber, number
+from harvester.base.numbers import NotANumber, is_real, number
 from harvester.base.plain_text import named, nearest, shown
 
 Declared = TypeVar("Declared", bound="Table")
@@ -180,6 +180,8 @@ class Table:
 
     Attributes
     ----------
+    NAME
+        Name of the table in a scene; None: that of the class in small letters.
     KEYS
         Keys that the table may hold.
     UNITS
@@ -188,6 +190,7 @@ class Table:
         Groups of keys that give the same property.
     """
 
+    NAME: ClassVar[str | None] = None
     KEYS: ClassVar[dict[str, Key]] = {}
     UNITS: ClassVar[tuple[str, ...]] = ()
     ALTERNATIVES: ClassVar[tuple[OneOf, ...]] = ()
@@ -200,10 +203,12 @@ def table(cls: type[Declared]) -> type[Declared]:
     The refusal of an assignment names `Scene.replace`.
     """
 
+    table_name = cls.__name__.removesuffix("Table").lower() if cls.NAME is None else cls.NAME
+
     def refuse(self: object, name: str, value: object) -> None:
         raise FrozenInstanceError(
             f"cannot assign to {name}: a scene is frozen; its copy with another value is "
-            f'scene.replace({{"TABLE.{name}": {value!r}}})'
+            f'scene.replace({{"{".".join(filter(None, (table_name, name)))}": {value!r}}})'
         )
 
     made: Any = dataclass(frozen=True)(cls)
@@ -265,12 +270,16 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
     # A number in quotes must have a suffix; without one the quotes are a mistake.
-    if isinstance(value, str) and spec.kind is float and value[-1:].isalpha():
+    if (
+        isinstance(value, str)
+        and spec.kind is float
+        and (value[-1:].isalpha() or value.endswith("%"))
+    ):
         try:
-            value = number(value)
+            value = number(value, spec.unit)
         except NotANumber as reason:
             refuse(f": {reason}")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not is_real(value):
         refuse()
     if spec.kind is int and not isinstance(value, int):
         refuse()

@@ -56,7 +56,7 @@ SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 @table
 class RecordedMotion(Excitation):
-    """Base acceleration from a file (docs/excitations.md lists its kinds), linear between samples.
+    """Base acceleration from a file, linear between samples; docs/reference/files.md lists kinds.
 
     η is minus the base acceleration, as it acts on the displacement relative to the base; in a
     scaled scene (`unit = "scaled"`) the column is η itself.
@@ -235,7 +235,8 @@ class RecordedMotion(Excitation):
             )
             steady = "hold for records like it; its mean square is steady"
             lines.append(
-                f"one pass of one record: error bars {drifting if change > STEADY else steady}"
+                f"one pass of one record: error bars {drifting if change > STEADY else steady}; "
+                "those of stored powers are the steps', as they are this record's own"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(

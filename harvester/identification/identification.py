@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.formatting import Printed, value_and_error
+from harvester.base.formatting import Printed, span, value_and_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.drawing import draw, draw_posterior
@@ -195,7 +195,7 @@ class Identification(ResultBase):
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
-                row.append(f"{low:.5g} … {high:.5g}")
+                row.append(span(low, high, "", 6))
         return header, rows
 
     def _rows(self, rival=None):
@@ -356,20 +356,19 @@ class Identification(ResultBase):
 
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
-        from harvester.results import figures, page
+        from harvester.results import page
 
         verdicts = [page.Verdict(self.verdict.sentence, self.verdict.good)]
         verdicts += map(page.Verdict, self._findings())
         name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
-        proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
         sections = {
             "Verdict": page.verdict_list(verdicts),
             "Values": page.wide(page.table_of(*self._table())) + page.facts(LEGEND),
-            "Figures": proof,
+            "Figures": Picture(draw, self).html(f"{name}: proof", CAPTION),
         }
         if self.posterior:
-            picture = figures.picture(draw_posterior, self)
-            sections["Posterior"] = page.figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
+            picture = Picture(draw_posterior, self)
+            sections["Posterior"] = picture.html(f"{name}: posterior", POSTERIOR_CAPTION)
         sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
         about = f"scene {self.scene.digest()[:12]}"
         return page.page(f"{name}: identified from {records}", about, sections)

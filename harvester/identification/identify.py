@@ -99,6 +99,12 @@ def identify(
         A record or a key is not usable.
     IdentificationError
         The records do not determine the values asked for.
+
+    Examples
+    --------
+    ::
+
+        harvester identify device --record shaker.csv load.resistance=1e5 --output identified
     """
     from harvester.device.keys import computed
     from harvester.engines.progress import Stages
@@ -187,7 +193,7 @@ def identify(
         stages.begin(begin, begin, f"rival model: {name}")
 
     if compare and any(record.acceleration is not None for record in measurements):
-        models = rivals.rival_models(models[0], measurements, sizes, scene, report)
+        models = rivals.rival_models(models[0], measurements, sizes, scene, keys, report)
     stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
     evidence = Evidence(

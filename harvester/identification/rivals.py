@@ -147,6 +147,7 @@ def rival_models(
     measurements: Sequence[Measurement],
     sizes: dict[str, float],
     start: Scene,
+    keys: Sequence[str],
     report: Callable[[str], object],
 ) -> list[Rival]:
     """The scene's own model first, then its rivals.
@@ -157,29 +158,30 @@ def rival_models(
         Sizes from the fitted motion.
     start : Scene
         The scene before the fit.
+    keys : sequence of str
+        Keys that were to be fitted: a wrong model may have left some of them open.
     report : callable
         Called with the name of each rival before it is fitted.
     """
     base = own.fitted
     models = [own]
-    for name, scene, keys in _plainer(base.scene, base.keys):
+    for name, scene, free in _plainer(base.scene, base.keys):
         report(name)
-        models.append(_tried(name, base, scene, measurements, keys, sizes, base))
+        models.append(_tried(name, base, scene, measurements, free, sizes, base))
     parts = _parts(base, measurements, sizes)
     models += _further(base, parts, measurements, sizes, report)
     if own.explains or any(model.explains and model.is_better for model in models):
         return models
     # Large differences, to which no fit leads that begins at the wrong model: the simplest first.
-    further = [
-        (name, scene, measurements, keys)
-        for name, scene, keys in _structures(start, base.keys, sizes)
-    ]
+    further: list[tuple[str, Scene, Any, Any]] = []
     if not isinstance(measurements[0], MeasuredResponse):
-        columns = [(name, start, records, base.keys) for name, records in turned(measurements)]
-        further = [*columns, *further]
-    for name, scene, records, keys in further:
+        further += [(name, start, records, keys) for name, records in turned(measurements)]
+    further += [
+        (name, scene, measurements, free) for name, scene, free in _structures(start, keys, sizes)
+    ]
+    for name, scene, records, free in further:
         report(name)
-        again = _tried(name, base, scene, records, keys, sizes, None)
+        again = _tried(name, base, scene, records, free, sizes, None)
         near = next((model for model in models if model.name == name), again)
         if near.fitted is None or (again.fitted and again.better <= near.better):
             near = again
@@ -191,6 +193,8 @@ def rival_models(
 
 def _tried(name, base, scene, measurements, keys, sizes, warm):
     """The rival, or why it cannot be fitted."""
+    if not keys:
+        return Rival(name, None, remark="not tried: none of its values is free")
     try:
         other = fitted(scene, measurements, keys, sizes, warm)
     except HarvesterError as error:

@@ -282,17 +282,24 @@ def _kept(transitions, growth, edges, most):
     """
     first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):
-        sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
+        sizes = _norms(totals) * growth[window]
         small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
         if not small or edges[window + 1] - edges[first_windows[-1]] > most:
             first_windows.append(window)
             totals = transitions[window : window + 1]
         else:
             totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
-            grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
+            grows = _norms(totals) > 1.0
             grows[0] = True
             totals = totals[grows]
     return np.array(first_windows)
+
+
+def _norms(matrices):
+    """Spectral norms of some matrices; infinite where an entry is not finite."""
+    norms, finite = np.full(len(matrices), np.inf), np.isfinite(matrices).all(axis=(1, 2))
+    norms[finite] = np.linalg.norm(matrices[finite], 2, axis=(1, 2))
+    return norms
 
 
 def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:

@@ -144,6 +144,8 @@ class Oscillator(Table):
 class Stopper(Table):
     """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5)."""
 
+    NAME = "stoppers"
+
     gap: float = positive("gap to the stoppers: from x = 0", "m", "δr", required=True)
     stiffness: float = not_negative(
         "stiffness of the stoppers: K3, in N/m^exponent", "N/m^1.5", "K", required=True
@@ -216,6 +218,12 @@ def all_tables() -> dict[str, Any]:
         "beam": Beam, "magnets": Magnets, "oscillator": Oscillator, "stoppers": Stopper,
         **TRANSDUCERS, "load": Load, "start": Start, "excitation": KINDS, "run": Run,
     }  # fmt: skip
+
+
+def all_keys() -> list[str]:
+    """`table.key` of all keys that a scene may hold, whatever its tables."""
+    tables = all_tables().items()
+    return [f"{name}.{key}" for name, classes in tables for key in every_key(classes)]
 
 
 def rows_of(tables: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 # A difference is significant from this number of standard errors on; by chance one in 370 is.
 SIGNIFICANT_SIGMAS = 3.0
-# A smaller share of a quantity is negligible: the default steps may cost as much, docs/accuracy.md.
+# A smaller share of a quantity is negligible: the default steps may cost as much,
+# docs/explanation/steps.md.
 NEGLIGIBLE_SHARE = 0.01
 # A difference whose standard error is a larger share does not check either estimate.
 SHARP_SHARE = 0.1

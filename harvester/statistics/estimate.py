@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,10 +19,13 @@ NO_VALUE = "no number: what is averaged has no finite value at some time of the 
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
 ROUNDED_OFF = "below what the solver resolves of the load's powers"
+NO_OUTPUT = "no resistor lies across the output, and no measure is one"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.
-OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, STARTS_CHARGED, NOT_STARTED)
+OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
+# What users of other libraries look for.
+OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
@@ -50,6 +53,12 @@ class Estimate:
     dimension: str
     note: str = ""
     unit: str = field(default="", compare=False, metadata=LEFT_OUT)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            hint = "; they are .estimate and .standard_error" if name in OTHER_NAMES else ""
+            raise AttributeError(f"an Estimate has no attribute {name}{hint}")
 
     def __float__(self) -> float:
         return float(self.estimate)

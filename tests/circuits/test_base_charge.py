@@ -102,13 +102,13 @@ def test_a_load_that_decays_within_a_step_under_noise(method):
     The voltage of one path follows exactly from the motion, which the load hardly changes.
     """
     piezo = {"piezo.base_charge": 1e-10, "piezo.coupling": 1e-5, "piezo.capacitance": 3e-10}
-    run = {"run.realizations": 1, "run.duration": 0.5, "run.settle": 0.1}
+    run = {"run.realizations": 1, "run.duration": 0.2, "run.settle": 0.05}
     scene = Scene.read("cantilever").replace({**piezo, **run, "load.resistance": 33e3})
     result = harvester.simulate(scene, method=method, workers=1)
     ready = prepared(scene)
     system, decay = ready.system, 1.0 / (33e3 * 3e-10)
     spacing = knot_spacing(ready)
-    noise = noise_path(ready, 0).read(math.ceil(0.6 / spacing) + 1)
+    noise = noise_path(ready, 0).read(math.ceil(0.25 / spacing) + 1)
     many = 200
     h = spacing / many
     forces = np.interp(
@@ -121,7 +121,7 @@ def test_a_load_that_decays_within_a_step_under_noise(method):
     source = motion[:-1] + system.transducer.base_share * np.repeat(np.diff(noise) / spacing, many)
     keep = math.exp(-decay * h)
     state = lfilter([1.0 - keep], [1.0, -keep], source / decay)
-    exact = float(np.mean(state[round(0.1 / h) :] ** 2))
+    exact = float(np.mean(state[round(0.05 / h) :] ** 2))
     found = result.scaled_quantities["mean_square_voltage"].estimate
     assert found == pytest.approx(exact, rel=0.01)
     assert any("noise is linear over" in note for note in result.notes)

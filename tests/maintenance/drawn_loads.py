@@ -1,5 +1,5 @@
 # ruff: noqa: E501
-"""Loads of `make netlists`: random netlists over what docs/loads.md names, and vendors' models.
+"""Loads of `make netlists`: random netlists over what docs/reference/netlists.md names, and vendors' models.
 
 Templates: `<low:high>` is a number in a random spelling, `<a|b>` one of the texts, `#` a number of
 the part's own, and `$` stands for a dimensionless voltage, v(p,n)/20 or v(out,ref)/5.
@@ -31,7 +31,7 @@ PARTS = [
     "J# a n x# jm#\nR# x# n <1e4:1e5>\n.model jm# njf(vto=-2 beta=<1m|1e-4>)", "M# a n n n mm# w=<10u|100u> l=<1u|2u>\n.model mm# nmos(level=1 vto=<1|2> kp=<20u|50u>)", "B# a n i=<1u:20u>*$*exp(-time/<20m|50m>)", "B# a n i=(time><20m|35m>) ? <1u:30u>*$ : 0",
 ]  # fmt: skip
 DIODE = ".model dm# d(is=<1e-15:1e-7> n=<1|1.05|1.8> <rs=<1:50>|> <cjo=<1e-12:1e-10> vj=<0.4|0.7> m=<0.33|0.5> fc=0.6|> <tt=5n|> <ikf=<1e-4:1e-2>|> <isr=<1e-10:1e-9> nr=2|> <bv=100|> <eg=0.69 xti=2|> <trs1=1m tnom=25|> <mfg=X type=silicon|>)"
-# Of everything that docs/loads.md and the reader's own table name, kept about 1 and in range.
+# Of everything that docs/reference/netlists.md and the reader's own table name, kept about 1 and in range.
 FUNCTIONS = ["abs($)", "acos(0.9*tanh($))", "acosh(1+$*$)", "arctan($)", "asin(0.9*tanh($))", "asinh($)", "atan($)", "atanh(0.9*tanh($))", "buf($)", "ceil($)", "cos($)", "cosh(tanh($))", "exp(tanh($))", "floor(2*$)", "hypot($,1)", "if($>0.5,$,0.5)", "int(3*$)", "inv($)", "limit($,-0.5,1)", "ln(1+abs($))", "log(1+$*$)", "log10(1+abs($))", "max($,0.2)", "min($,0.2)", "nint(2*$)", "pow(abs($),1.5)", "pow($,2)", "pwr($,3)", "pwrs($,0.5)", "round(2*$)", "sgn($-0.3)", "sin(2*$)", "sinh(tanh($))", "sqr($)", "sqrt(abs($))", "stp($-0.2)", "tan(tanh($))", "tanh(2*$)", "ternary_fcn($>0.1,$,-$)", "u($-0.1)", "u2($)", "uramp($)", "($)**2", "($)^3", "(abs($))**1.5", "(-$)", "($>0.2)*$", "($<=0.3?1:-$)", "($>0.1&&$<0.9)", "($<-0.5||$>0.5)", "(!($>0.4))", "($>=0.2)-($!=0.5)", "($/(1+$*$))", "(2*$-3*$/(2+abs($)))", "(1-$*$/4)", "($-2<$*$?$:1)", "(5m*200*$)", "(0.001k*$)", "(1e3*$/1k)", "(4k7*$/4.7k)", "idt($)", "atan2($,1)", "table($,0,0,1,1)", "(($>0.3)^($>0.6))", "($>0.3&$<0.6)", "(~($>0.3))", "($==$)", "(v(p,n)*v(out,ref)/200)", "(sin(2*pi*60*time)*$)", "(temper/27*$)", "(($>0.5)==($>0.1))", "nofunction($)"]  # fmt: skip
 CONSTANTS = ["pi", "e/2", "exp(0.5)", "sqrt(2)", "(3>2)", "2**0.5", "2^1.5", "(5%3)", "max(1,2)", "int(1.7)", "nint(1.6)", "pow(2,0.5)", "pwr(2,0.5)", "min(2,3k)", "(1?2:3)", "log10(50)", "ln(5)", "floor(1.5)", "1e3/1k", "25.4u/1mil", "boltz/1.38e-23", "echarge/1.6e-19", "(-kelvin/273)", "temper/27", "c/3e8", "abs(-1.2)", "sgn(3)", "(1&&1)", "hypot(1,1)", "if(1,2,3)", "acos(0.3)", "atan(1)", "exp(80)/exp(79)", "2-1", ".5", "1.5E0"]  # fmt: skip
 FRONTS = [

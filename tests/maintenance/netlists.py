@@ -48,7 +48,8 @@ SCALES = {
 }
 ENGINES = ("monte-carlo", "circuit", "ngspice -b")
 LONGEST = 30.0
-# Texts of LTspice's and PSpice's files that docs/loads.md says to mean something else in ngspice.
+# Texts of LTspice's and PSpice's files that mean something else in ngspice, as
+# docs/reference/netlists.md says.
 FOREIGN = re.compile(r"limit\(|vh=-|\* dialect:(?s:.*)(\^|\*\*|pow|pwr|&&|\|\||!|\?|\bu\()")
 
 SUFFIXES = ((12, "t"), (9, "g"), (6, "meg"), (3, "k"), (0, ""), (-3, "m"), (-6, "u"), (-9, "n"),

@@ -11,9 +11,12 @@ from types import ModuleType
 
 import pytest
 
+from harvester.cli.table import COMMANDS
+
 jupytext = pytest.importorskip("jupytext", reason="needs the extra `notebooks`")
 jupyter_cache = pytest.importorskip("jupyter_cache", reason="needs the extra `docs`")
 pytest.importorskip("myst_nb", reason="needs the extra `docs`")
+pytest.importorskip("sphinx_copybutton", reason="needs the extra `docs`")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
@@ -145,11 +148,13 @@ def site(tmp_path_factory):
 
 def check_pages(folder, made):
     assert made.returncode == 0, made.stderr
-    theory = (folder / "docs" / "docs" / "theory.html").read_text("utf-8")
+    theory = (folder / "docs" / "docs" / "explanation" / "theory.html").read_text("utf-8")
     assert theory.count("<math ") > 40
     assert "<merror" not in theory
-    reference = (folder / "docs" / "docs" / "reference.html").read_text("utf-8")
-    assert 'id="harvester.simulate"' in reference
+    api = folder / "docs" / "docs" / "reference" / "api"
+    assert 'id="harvester.simulate"' in (api / "harvester.simulate.html").read_text("utf-8")
+    commands = (folder / "docs" / "docs" / "reference" / "commands.html").read_text("utf-8")
+    assert not [name for name in COMMANDS if f"harvester {name} " not in commands]
     # Nothing is fetched to show a page.
     pages = list((folder / "docs").rglob("*.html"))
     assert len(pages) > 20

@@ -1,6 +1,7 @@
 """`[beam]`: a cantilever's drawing, and the lumped mass, spring and transducer computed from it.
 
-Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and docs/beams.md.
+Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and
+docs/explanation/beams.md.
 """
 
 from __future__ import annotations

@@ -39,7 +39,15 @@ def loads(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["paper", "device", "asymmetric", "one_sided", "tristable", "electromagnetic"]
+    "name",
+    [
+        "paper",
+        "device",
+        "one_sided",
+        "electromagnetic",
+        pytest.param("asymmetric", marks=pytest.mark.exhaustive),
+        pytest.param("tristable", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, plain_pool, name):
     spacing = knot_spacing(prepared(Scene.read(name)))

@@ -9,7 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from circuits.kernel.engine import circuit_of, integrate
+from circuits.kernel.memory import SLOTS
+from circuits.kernel.stage import fresh_state, slot_of
 from circuits.kernel.switching import switched, turn
+from harvester.base.compilation import compiled
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
@@ -130,3 +134,46 @@ def test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it(
     state.y += state.change
     turn(tables, state)
     assert state.closed[0] == (closed if share is None else 1 - closed)
+
+
+def sixty_switches(folder):
+    """A load of sixty switches; the first and the last ones close at the lowest voltages."""
+    lines = [".subckt sixty p n"]
+    for k in range(60):
+        threshold = 0.02 * (60 - k) if k else 0.01
+        resistance = 5e3 * (60 - k) if k else 1e7
+        lines += [
+            f".model s{k} sw(vt={threshold} vh=0.002 ron=1k roff=1g)",
+            f"S{k} p m{k} p n s{k}",
+            f"R{k} m{k} n {resistance}",
+        ]
+    path = folder / "sixty.lib"
+    path.write_text("\n".join([*lines, "R60 p n 1meg", ".ends"]) + "\n")
+    sine = "excitation={kind='sine', amplitude=3.0, frequency=20.0}"
+    run = ["run.duration=0.2", "run.settle=0.05", "run.realizations=1"]
+    return Scene.read("device", [f"load.netlist={path}", sine, *run])
+
+
+def test_each_state_of_sixty_switches_has_factors_of_its_own(tmp_path):
+    """A float64 holds 53 states only: the last switches shared the factors of a wrong state."""
+    find = compiled(lambda tables, state, delta: slot_of(tables, state, delta))
+    circuit = circuit_of(prepared(sixty_switches(tmp_path)))
+    state = fresh_state(circuit)
+    state.keys[:SLOTS] = np.nan
+    state.closed[0] = 1
+    addresses = []
+    for last in (0, 1, 0):
+        state.closed[-1] = last
+        addresses.append(find(circuit.tables, state, 1e-5))
+    assert addresses[0] == addresses[2] != addresses[1]
+
+
+@pytest.mark.slow
+def test_sixty_switches_as_by_ngspice(tmp_path, pool):
+    scene = sixty_switches(tmp_path)
+    compiled, circuit = (
+        simulate(scene, method=method, runner=pool) for method in ("monte-carlo", "circuit")
+    )
+    assert abs(circuit.energy_balance_residual) < 5e-3
+    power = circuit["mean_power"].estimate
+    assert compiled["mean_power"].estimate == pytest.approx(power, rel=0.01)

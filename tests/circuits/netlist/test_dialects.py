@@ -1,4 +1,4 @@
-"""Every row of the dialects' table in docs/loads.md, run by ngspice and by the compiled engine."""
+"""Every row of the table of dialects in docs/reference/netlists.md, run by both engines."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ from circuits.netlist.load_notes import reading_notes
 from circuits.netlist.subcircuits import read_load
 from harvester.base.errors import NetlistError
 
-DOCS = Path(__file__).parents[3] / "docs" / "loads.md"
+DOCS = Path(__file__).parents[3] / "docs" / "reference" / "netlists.md"
 VOLTS = {"m": -2.0, "h": 0.4, "z": 0.0, "t": 3.0}
 OTHERS, OURS = ("ltspice", "pspice"), ("ngspice", "")
 # Of each row: what is written of the nodes m, h, z and t, its value in LTspice or PSpice by their
@@ -152,8 +152,8 @@ def test_elements_of_others_are_read_or_refused(tmp_path, dialect, body, fault):
 
 def test_every_row_of_the_table_is_tested():
     text = DOCS.read_text(encoding="utf-8")
-    table = text[text.index("**Dialects.**") :]
-    rows = re.findall(r"(?m)^\| (.+?) \| .+ \|$", table[: table.index("\n\n**Stores.**")])[2:]
+    table = text[text.index("## Dialects") :]
+    rows = re.findall(r"(?m)^\| (.+?) \| .+ \|$", table[: table.index("\n\n## ")])[2:]
     assert {*rows} == {*VALUES, *ELEMENTS}
 
 

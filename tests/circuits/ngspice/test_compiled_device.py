@@ -181,12 +181,12 @@ TABLE = f"oscillator.force_table={MAGNETS}"
 FOLLOWED = [
     ("paper", ["excitation.intensity=0.1"]),
     ("device", []),
-    ("tristable", [DEGREE_SEVEN]),
     ("one_sided", ["oscillator.quadratic_damping=0.3", "piezo.leakage_resistance=3e6"]),
     ("paper", ["excitation.intensity=0.1", UNEVEN]),
-    ("paper", ["excitation.intensity=0.1", "stoppers.exponent=2.3"]),
 ]
 OTHERS = [
+    ("tristable", [DEGREE_SEVEN]),
+    ("paper", ["excitation.intensity=0.1", "stoppers.exponent=2.3"]),
     ("duffing", [TABLE]),
     ("paper", ["excitation.intensity=0.1", TABLE]),
     ("duffing", [TABLE, "oscillator.restoring_force_range=[-3,3]"]),

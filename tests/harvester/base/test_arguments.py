@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.base.arguments import checked_options, listed
+from harvester.base.arguments import checked_progress, listed
 from harvester.base.worker_pool import ExecutorPool, WorkerPool
 from harvester.scene.calling import takes_scene
 from harvester.studies.grid import make_grid
@@ -57,6 +57,9 @@ def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):
         (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is no text; write"),
         (lambda: harvester.optimum("paper", [KEY]), "over = .* must be a dictionary"),
         (lambda: harvester.optimum("paper", {KEY: (1, 2, 3)}), "has 3 numbers"),
+        (lambda: harvester.spectrum("linear", duration=-1.0), r"duration -1\.0: must be a number"),
+        (lambda: harvester.spectrum("linear", durations=1.0), "no option durations .*duration"),
+        (lambda: harvester.verify(chosen=[], workers=0), "workers 0: must be a whole number"),
         (lambda: harvester.identify("device", [3]), "records: 3: must be a file"),
         (lambda: harvester.reproduce("paper", "fig4"), "names = 'fig4': must be a list"),
         (lambda: harvester.reproduce("paper", ["fig99"]), "unknown figure fig99"),
@@ -76,7 +79,7 @@ def test_what_the_progress_function_raises_is_named():
     def broken(share, words):
         raise ZeroDivisionError("by my own fault")
 
-    progress = checked_options({"progress": broken})["progress"]
+    progress = checked_progress(broken)
     with pytest.raises(harvester.HarvesterError, match=r"progress: .*ZeroDivisionError: by my own"):
         progress(0.5, "half")
 

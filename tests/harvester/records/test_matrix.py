@@ -1,4 +1,4 @@
-"""Every cell of the table "What each kind of file can say" of docs/excitations.md is a test."""
+"""Every cell of the table "What each kind of file can say" of docs/reference/files.md is a test."""
 
 import importlib
 import re
@@ -11,7 +11,7 @@ from scipy.io import savemat, wavfile
 from harvester.base.errors import SceneError
 from harvester.excitation.recorded import RecordedMotion, one_pass
 
-PAGE = Path(__file__).parents[3] / "docs" / "excitations.md"
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "files.md"
 RATE, COUNT, G = 360.0, 720, 9.80665
 TIMES = np.arange(COUNT) / RATE
 MOTION = 30.0 * np.sin(2.0 * np.pi * 9.0 * TIMES + 0.4)
@@ -137,7 +137,7 @@ FEATURES = ("unit", "contradicting unit", "scale and offset", "rate beside times
 def table():
     """{(kind, feature): what the page says}."""
     page = PAGE.read_text(encoding="utf-8")
-    part = page.partition("### What each kind of file can say")[2].partition("\n### ")[0]
+    part = page.partition("## What each kind of file can say")[2].partition("\n## ")[0]
     rows = [re.split(r"\s*\|\s*", line)[1:-1] for line in part.splitlines() if line[:1] == "|"]
     header, _, *lines = rows
     return {

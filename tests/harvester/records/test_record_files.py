@@ -1,4 +1,4 @@
-"""Every row of the tables of docs/excitations.md: files as loggers write them, one known motion."""
+"""Every row of the tables of docs/reference/files.md: files of loggers with one known motion."""
 
 import csv
 import importlib
@@ -164,6 +164,18 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
 def test_what_is_ambiguous_is_refused_with_both_readings(tmp_path, header, keys, words):
     table = [f"{t:.6f}," * (header.count(",")) + f"{a:.8f}" for t, a in zip(TIMES, MOTION)]  # noqa: B905
     refused(written(tmp_path, [header], table), *words, **keys)
+
+
+def test_a_unit_behind_any_name_counts_for_the_column_that_the_scene_names(tmp_path):
+    motion = MOTION / 9.80665
+    table = [f"{t:.6f},{a:.8f}" for t, a in zip(TIMES, motion, strict=True)]
+    path = written(tmp_path, ["time,ch2_g"], table)
+    for column in ("ch2_g", "ch2", 1):
+        assert_read(path, column=column)
+    refused(path, "did you mean ch2_g", column="ch3_g")
+    heading = tmp_path / "heading.csv"
+    heading.write_text("time [s],acc [g]\n")
+    refused(heading, "samples are to stand below the heading")
 
 
 def test_a_label_in_brackets_is_no_unit(tmp_path):
@@ -582,7 +594,7 @@ def test_a_device_at_rest_that_nothing_drives_is_balanced():
 
 
 def test_the_page_lists_every_kind():
-    page = Path(__file__).parents[3] / "docs" / "excitations.md"
+    page = Path(__file__).parents[3] / "docs" / "reference" / "files.md"
     text = page.read_text(encoding="utf-8")
     for word in (*ACCELERATION, *QUANTITIES["time"], ".lvm", ".mat", ".h5", ".tdms", ".IDE"):
         assert f"`{word}`" in text, word

@@ -105,7 +105,7 @@ def test_the_line_on_the_device():
 
 
 def test_the_line_on_the_device_has_wells_and_barriers():
-    """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as docs/scenes.md says."""
+    """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as on its page."""
     (line,) = device_line(Scene.read("device"))
     assert "wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
     (line,) = device_line(Scene.read("asymmetric"))

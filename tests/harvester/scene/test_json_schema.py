@@ -21,7 +21,7 @@ VALIDATOR = Draft202012Validator(json_schema())
 # Scenes in the docs that hold their units and a load are whole.
 DOCUMENTED = [
     (page.name, block)
-    for page in sorted((ROOT / "docs").glob("*.md"))
+    for page in sorted((ROOT / "docs").rglob("*.md"))
     for block in re.findall(r"^```toml\n(units = .*?)^```", page.read_text("utf-8"), re.M | re.S)
     if "[load]" in block
 ]

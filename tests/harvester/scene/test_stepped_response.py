@@ -37,7 +37,14 @@ def coil(ratio, decays):
 
 
 @pytest.mark.usefixtures("shared_workers")
-@pytest.mark.parametrize(("ratio", "decays"), [(1.1, 60.0), (0.97, 120.0), (0.5, 60.0)])
+@pytest.mark.parametrize(
+    ("ratio", "decays"),
+    [
+        pytest.param(1.1, 60.0, marks=pytest.mark.exhaustive),
+        (0.97, 120.0),
+        pytest.param(0.5, 60.0, marks=pytest.mark.exhaustive),
+    ],
+)
 def test_a_current_that_decays_within_a_step_is_in_the_error_of_the_steps(ratio, decays):
     scene, power = coil(ratio, decays)
     found = simulate(scene, method="monte-carlo", workers=1)["mean_power"]

@@ -267,7 +267,7 @@ def test_a_method_without_noise_is_optimised_to_its_precision(keys):
     assert "interval" not in " ".join(found.sentences())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_published_bistable_harvester(pool):
     """High orbit of americocunhajr/HarvesterOpt's two-parameter problem: P = 10 × scaled power.
 

@@ -17,13 +17,13 @@ from harvester.engines.opening import open_runner
 from harvester.engines.simulate import simulate
 from harvester.engines.task import Task
 from harvester.results import figures, palette
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.paired import paired_difference
 from harvester.validation import MEANS, STATES, exact_paths
 from harvester.validation import accuracy_measurement as measurement
-from harvester.validation.accuracy import accuracy, duration, reached
+from harvester.validation.accuracy import duration, reached
 from harvester.validation.accuracy_drawing import draw
 from harvester.validation.accuracy_measurement import Timed, TotalError, bias_of
 from harvester.validation.accuracy_methods import (
@@ -34,6 +34,7 @@ from harvester.validation.accuracy_methods import (
     THOROUGH_METHODS,
     ComparedMethod,
 )
+from harvester.validation.public import accuracy
 
 SQUARE = "mean_square_voltage"
 FAMILIES = {
@@ -206,7 +207,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
 @pytest.mark.usefixtures("every_closure")
 def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, tmp_path):
     """Circuit and Monte Carlo come nearer to them with shorter steps, with second order."""
-    sets = ["run.realizations=2", "run.duration=1", "run.settle=0.2", "load.netlist=bridge"]
+    sets = ["run.realizations=2", "run.duration=0.4", "run.settle=0.1", "load.netlist=bridge"]
     scene = Scene.read("device", [*sets, "load.parameters.storage=100n"])
     families = ("external source, trapezoidal", "Monte Carlo, TR-BDF2")
     methods = [each for each in LOAD_METHODS if each.family in families]

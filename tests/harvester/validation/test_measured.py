@@ -11,6 +11,7 @@ import pytest
 from harvester.engines.runner import Runner
 from harvester.validation import entries
 from harvester.validation.known_results import downloaded, linear_scatter, measured, points_of
+from harvester.validation.public import verify
 from harvester.validation.verify import (
     HOLDS,
     MISSES,
@@ -18,7 +19,6 @@ from harvester.validation.verify import (
     TruthRow,
     Verification,
     measured_page,
-    verify,
 )
 
 DEVICES = entries("known_results")["device"]
@@ -117,7 +117,7 @@ def test_what_is_claimed_of_a_measured_bistable_beam_lies_within_its_interval(po
 
 
 def test_the_page_of_the_site_has_every_point():
-    page = (Path(__file__).parents[3] / "docs" / "measured.md").read_text("utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "explanation" / "measured.md").read_text("utf-8")
     rows = [TruthRow(truth, method, truth.exact) for truth in measured() for method in truth.asked]
     fresh = measured_page(rows, "today")
     # But for what was computed: points, measured values, what is said, and headings.

@@ -1,0 +1,124 @@
+"""Paired differences of results on common noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.scene.prepared import prepared
+from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.statistics.estimate import Estimate, why_no_error
+from harvester.statistics.moments import QUANTITIES, Moments
+from harvester.statistics.output_side import RATIOS, output_ratios
+from harvester.statistics.run_quantities import MEANS
+from harvester.statistics.well_balance import weighted, well_balance
+
+# Two paths go through the same wells if no batch's share of time in one differs by more than this:
+# jumps that two engines make at the same time end up so close, others differ by most of a batch.
+SAME_WELLS = 0.01
+EFFICIENCY = "power_conversion_efficiency"
+
+
+def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
+    """Relative differences of two results on the same noise paths, with paired errors.
+
+    Batch by batch the common noise cancels as far as the two follow the same path, so that the
+    error is often far below that of either mean. Where paths part, nothing cancels and the error
+    is that of independent means: it is the scatter of the difference itself. Where wells differ,
+    the means are those that the rates of jumps keep in balance, and the error holds the rates'.
+
+    Parameters
+    ----------
+    result, reference : harvester.results.result.Result or harvester.engines.request.Answer
+        Each with its scene and moments; of the same scene, or of scenes with the same seed, knots
+        and length of run.
+
+    Returns
+    -------
+    dict of str to Estimate
+        (result − reference)/reference of every mean over time, and of the power conversion
+        efficiency.
+    """
+    balances = [
+        well_balance(run.scene, prepared(run.scene).system, run.moments)
+        for run in (result, reference)
+    ]
+    ours, theirs = (
+        complete_batches(weighted(run.moments, balance))
+        for run, balance in zip((result, reference), balances, strict=True)
+    )
+    if ours is None or theirs is None or ours.shape != theirs.shape:
+        return {}
+    differences = {}
+    for name in MEANS:
+        pairs = [_of_batches(batches, name) for batches in (ours, theirs)]
+        (upper, _), (reference_upper, _) = pairs
+        if not reference_upper.any():
+            continue
+        ratio, error = ratio_of_sums(upper, reference_upper)
+        if any(balances) and ratio:
+            error = _error(ratio, pairs, balances)
+        differences[name] = Estimate(ratio - 1.0, error, None, "1", why_no_error(ratio, error))
+    pairs = [_of_batches(batches, EFFICIENCY) for batches in (ours, theirs)]
+    if all(load.any() for load, _ in pairs):
+        of_ours, of_theirs = (load.sum() / absorbed.sum() for load, absorbed in pairs)
+        ratio = float(of_ours / of_theirs)
+        error = _error(ratio, pairs, balances)
+        note = why_no_error(ratio, error)
+        differences[EFFICIENCY] = Estimate(ratio - 1.0, error, None, "1", note)
+    return differences
+
+
+def _error(ratio, pairs, balances):
+    """Standard error of the ratio of two estimates, with what jumps add to each.
+
+    Each is a ratio of sums over batches, linearised. Where both went through the same wells in
+    every batch, what jumps add is common to both.
+    """
+    shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
+    ours, theirs = balances
+    if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
+        return _times(standard_error(shares[0] - shares[1]), ratio)
+    parts = []
+    for share, balance in zip(shares, balances, strict=True):
+        if balance is not None and balance.error(share) is None:
+            return None
+        parts.append(share if balance is None else balance.parts(share))
+    return _times(standard_error(parts[0] - parts[1]), ratio)
+
+
+def _times(error, ratio):
+    return None if error is None else abs(ratio) * error
+
+
+def has_deviations(name: str) -> bool:
+    """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
+    return name in MEANS or name in (*RATIOS, EFFICIENCY)
+
+
+def deviations(moments: Sequence[Moments], name: str) -> Any:
+    """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
+
+    Combinations of several results on common noise get their error from the same combination of
+    these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
+    estimate's scaled one; `name` is one for which `has_deviations` is true.
+    """
+    upper, lower = sums(moments, name)
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+
+
+def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
+    """The sums over batches that a quantity is the ratio of; see `deviations`."""
+    if name in RATIOS:
+        return output_ratios(moments)[name]
+    return _of_batches(complete_batches(moments), name)
+
+
+def _of_batches(batches, name):
+    """The two sums of complete batches that a mean, or the efficiency (Eq. 35), is the ratio of."""
+    column = {quantity: batches[:, :, k] for k, quantity in enumerate(QUANTITIES)}
+    if name == EFFICIENCY:
+        return column["load_power"], column["load_power"] + column["loss_power"]
+    return column[MEANS[name][0]], column["time"]

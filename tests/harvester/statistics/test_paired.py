@@ -1,0 +1,30 @@
+"""Deviations batch by batch, from which differences on common noise get their errors."""
+
+import pytest
+
+from harvester.engines.simulate import simulate
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.output_side import RATIOS, estimate_output
+from harvester.statistics.paired import deviations, has_deviations
+from harvester.statistics.run_quantities import estimate_all
+
+
+def test_they_have_the_errors_of_the_estimates(pool):
+    """Of a bridge with its output, every ratio of sums: each by its own formula there."""
+    changes = ["load.netlist=bridge", "run.realizations=4", "run.duration=6", "run.settle=1"]
+    scene = Scene.read("device", changes)
+    moments = simulate(scene, method="circuit", runner=pool).moments
+    estimates = estimate_all(moments, prepared(scene).system) | estimate_output(moments)
+    compared = 0
+    for name in ("mean_power", "power_conversion_efficiency", *RATIOS):
+        assert has_deviations(name)
+        series = deviations(moments, name)
+        assert series.mean() == pytest.approx(0.0, abs=1e-9 * abs(series).max())
+        error = estimates[name].standard_error
+        if error is not None:
+            assert standard_error(series) == pytest.approx(error, rel=1e-6)
+            compared += 1
+    assert compared >= 4
+    assert not has_deviations("output_ripple")
