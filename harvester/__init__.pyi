@@ -25,10 +25,10 @@ from harvester.studies.public import optimum as optimum
 from harvester.studies.public import sensitivity as sensitivity
 from harvester.identification.identify import identify as identify
 from harvester.identification.measurement import Measurement as Measurement
-from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
+from harvester.identification.measured_response import MeasuredImpedance as MeasuredImpedance
 from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
 from harvester.identification.measurement import read_measurement as read_measurement
-from harvester.identification.measured_impedance import read_impedance as read_impedance
+from harvester.identification.measured_response import read_impedance as read_impedance
 from harvester.validation.public import accuracy as accuracy
 from harvester.validation.public import stability as stability
 from harvester.validation.public import verify as verify

@@ -81,7 +81,7 @@ found = harvester.identify("device", path)
 header, rows = found.table()
 for row in rows:
     print(f"{row[0]:30} {row[2]:>12}   {row[3]}   ({row[4]})")
-print(*found.sentences(), sep="\n")
+print(found.headline(), *found.sentences(), sep="\n")
 
 # %% [markdown]
 # ## The best load
@@ -104,7 +104,7 @@ for resistance in resistances:
 
 # %%
 best = int(np.argmax([each.estimate for each in powers]))
-difference = found.fitted.stretches[0].powers()[2]
+difference = found.records[0].powers()[2]
 print(
     f"On data kept aside the identified model predicts the mean power to "
     f"{100.0 * difference.estimate:+.2f} ± {100.0 * difference.standard_error:.2f} %, and among "

@@ -109,16 +109,18 @@ def linear_device(damping):
     return scene_of(MASS, damping, [0.0, STIFFNESS], piezo, LOAD)
 
 
-def linear_record(damping, seed, rms, samples=1200, own=()):
+def linear_record(damping, seed, rms, samples=1200, own=(), load=LOAD):
     """Voltage of a linear device, the acceleration linear between samples: exact, by scipy."""
     random = np.random.default_rng(seed)
     base = band_noise(random, samples, RATE, 4.0, 30.0, rms)
     a = [
         [0.0, 1.0, 0.0],
         [-STIFFNESS / MASS, -damping / MASS, -COUPLING / MASS],
-        [0.0, COUPLING / CAPACITANCE, -1.0 / (LOAD * CAPACITANCE)],
+        [0.0, COUPLING / CAPACITANCE, -1.0 / (load * CAPACITANCE)],
     ]
     times = np.arange(samples) / RATE
     voltage = lsim((a, [[0.0], [-1.0], [0.0]], [[0.0, 0.0, 1.0]], [[0.0]]), base, times)[1]
     noisy = voltage + 0.005 * voltage.std() * random.standard_normal(samples)
-    return Measurement(base, RATE, voltage=noisy, name=f"record{seed}.csv", own=own)
+    return Measurement(
+        base, RATE, noisy, changes={"load.resistance": load}, name=f"record{seed}.csv", own=own
+    )

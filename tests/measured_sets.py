@@ -5,6 +5,7 @@ sensor makes of it is exact. The device is solved by scipy at tight tolerance.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from measured_records import scene_of
@@ -23,6 +24,8 @@ FAULTS = (
     "mislabelled frequency",
     "swapped sign",
 )
+# Channels whose gain may be wrong.
+GAINED = ("voltage", "acceleration")
 # Beside the faults of which a verdict is asked; new kinds stand behind the others.
 KINDS = (*FAULTS, "voltage highpass")
 NOISE, DURATION, SETTLED, LINES = 0.004, 30.0, 15.0, 40
@@ -113,6 +116,34 @@ def _slope(time, state, force, rates, amplitudes, phases, others):
         base += amplitudes[n] * math.sin(rates[n] * time + phases[n])
     leak = (coupling * v - voltage / load) / capacitance
     return np.array([v, -pull / mass - base, leak, slow * (voltage - shown)])
+
+
+def a_set_with_gain(seed, channel, factor, loads, noise=False, duration=DURATION):
+    """The scene to begin with, records at so many loads behind a channel's gain, and the truth.
+
+    One record has each load; at one load there are two records of different strengths.
+    """
+    random = np.random.default_rng([seed, loads, GAINED.index(channel)])
+    parts = device(random, None)
+    mass, damping, force, piezo, load, frequency, length, where = parts
+    rate, size = PER_PERIOD * frequency, length * (2.0 * math.pi * frequency) ** 2
+    times = SETTLED + np.arange(int(duration * rate)) / rate
+    records = []
+    for number, share in enumerate((0.05, 0.1, 0.08)[: max(loads, 2)]):
+        level = size * share * (1.4 if noise else 0.35)
+        sines = base_sines(random, frequency, level, noise)
+        own = load * (1.0, 0.3, 3.0)[number] if loads > 1 else load
+        record = _record(random, parts, sines, own, where, times, None, number, 0.0)
+        shown = {channel: factor * getattr(record, channel)}
+        records.append(replace(record, **shown, changes={"load.resistance": own}))
+    truth = scene_of(mass, damping, force, piezo, load)
+    known = {
+        "oscillator.damping": damping * random.uniform(0.75, 1.25),
+        "piezo.coupling": piezo["piezo"]["coupling"] * random.uniform(0.8, 1.25),
+        "piezo.capacitance": piezo["piezo"]["capacitance"] * random.uniform(0.8, 1.25),
+    }
+    changes = {**known, "length_scale": length} if where > 0.0 else known
+    return truth.replace(changes), records, truth
 
 
 def a_set(seed, fault=None, noise=False, strength=1.0, duration=DURATION):

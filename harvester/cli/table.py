@@ -59,9 +59,7 @@ GROUPS = {
         Command("harvester.cli.circuit:schematic"),
         Command(
             "harvester:identify",
-            title=lambda result: (
-                f"identified from {', '.join(r.name for r in result.measurements)}"
-            ),
+            title=lambda result: result.headline(),
             stem="identified",
         ),
     ),

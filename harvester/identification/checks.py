@@ -10,7 +10,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.identification.proof import ResponseStretch
 from harvester.identification.sensors import OUTPUT_UNITS
+from harvester.identification.validation_record import ResponseRecord
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 
@@ -28,37 +28,37 @@ def draw(found: Any) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    stretch = found.fitted.stretches[0]
-    if isinstance(stretch, ResponseStretch):
-        return _response_figure(found, stretch)
+    record = found.fitted.records[0]
+    if isinstance(record, ResponseRecord):
+        return _response_figure(found, record)
     figure = Figure(figsize=(10.0, 6.4))
     wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
-    name = stretch.outputs[0]
+    name = record.outputs[0]
     unit = OUTPUT_UNITS[name] if found.scene.units == "SI" else "scaled"
-    _draw_waveform(wave, stretch, f"{name} [{unit}]")
-    _draw_spectra(spectrum, stretch, f"density of the {name} [{unit}²/Hz]")
-    _draw_densities(density, stretch, f"{name} [{unit}]")
+    _draw_waveform(wave, record, f"{name} [{unit}]")
+    _draw_spectra(spectrum, record, f"density of the {name} [{unit}²/Hz]")
+    _draw_densities(density, record, f"{name} [{unit}]")
     _draw_correlation(correlation, found)
     legend_below(figure, [spectrum])
-    set_title(figure, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside")
+    set_title(figure, f"{found.scene.name}: the {record.aside} of {record.name}, kept aside")
     return figure
 
 
-def _response_figure(found, stretch):
+def _response_figure(found, record):
     """The lines kept aside and what the model says of them; the difference."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 4.0))
-    panels = figure.subplots(1, len(stretch.outputs), squeeze=False)[0]
-    for n, (axes, name) in enumerate(zip(panels, stretch.outputs, strict=True)):
-        axes.plot(stretch.frequency, stretch.measured[:, n], ".", color=MEASURED, label="measured")
-        axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
-        axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
+    panels = figure.subplots(1, len(record.outputs), squeeze=False)[0]
+    for n, (axes, name) in enumerate(zip(panels, record.outputs, strict=True)):
+        axes.plot(record.frequency, record.measured[:, n], ".", color=MEASURED, label="measured")
+        axes.plot(record.frequency, record.windowed[:, n], color=PREDICTED, label="predicted")
+        axes.plot(record.frequency, record.residuals[:, n], color=RESIDUAL, label="difference")
         of = f"{name} [rad]" if name == "phase" else name
-        of = of if stretch.quantity == "impedance" else f"{name} of voltage over acceleration"
+        of = of if record.quantity == "impedance" else f"{name} of voltage over acceleration"
         axes.set(xlabel="frequency [Hz]", ylabel=of)
     legend_below(figure, panels[:1])
-    set_title(figure, f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside")
+    set_title(figure, f"{found.scene.name}: {record.aside} of {record.name}, kept aside")
     return figure
 
 
@@ -90,38 +90,38 @@ def draw_posterior(found: Any) -> Figure:
     return figure
 
 
-def _draw_waveform(axes, stretch, label):
-    values = stretch.measured[:, 0]
+def _draw_waveform(axes, record, label):
+    values = record.measured[:, 0]
     crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
     per_period = 2.0 * values.size / max(crossings, 1)
     count = int(min(values.size, SHOWN_PERIODS * per_period))
-    time = np.arange(count) / stretch.rate
+    time = np.arange(count) / record.rate
     axes.plot(time, values[:count], color=MEASURED, lw=2.2)
-    axes.plot(time, stretch.windowed[:count, 0], color=PREDICTED, lw=1.0)
-    axes.plot(time, stretch.residuals[:count, 0], color=RESIDUAL, lw=0.8)
+    axes.plot(time, record.windowed[:count, 0], color=PREDICTED, lw=1.0)
+    axes.plot(time, record.residuals[:count, 0], color=RESIDUAL, lw=0.8)
     axes.set(xlabel="time [s]", ylabel=label)
 
 
-def _draw_spectra(axes, stretch, label):
+def _draw_spectra(axes, record, label):
     from scipy import signal
 
-    segment = max(16, stretch.measured.shape[0] // SEGMENTS)
+    segment = max(16, record.measured.shape[0] // SEGMENTS)
     for values, colour, text, width in (
-        (stretch.measured, MEASURED, "measured", 2.2),
-        (stretch.free, PREDICTED, "predicted", 1.0),
-        (stretch.residuals, RESIDUAL, "residuals in windows", 0.8),
+        (record.measured, MEASURED, "measured", 2.2),
+        (record.free, PREDICTED, "predicted", 1.0),
+        (record.residuals, RESIDUAL, "residuals in windows", 0.8),
     ):
-        f, density = signal.welch(values[:, 0], stretch.rate, nperseg=segment)
+        f, density = signal.welch(values[:, 0], record.rate, nperseg=segment)
         axes.semilogy(f[1:], density[1:], color=colour, lw=width, label=text)
     axes.set(xlabel="frequency [Hz]", ylabel=label)
 
 
-def _draw_densities(axes, stretch, label):
-    both = np.concatenate([stretch.measured[:, 0], stretch.free[:, 0]])
+def _draw_densities(axes, record, label):
+    both = np.concatenate([record.measured[:, 0], record.free[:, 0]])
     bins = np.linspace(both.min(), both.max(), BINS + 1)
     for values, colour, width in (
-        (stretch.measured, MEASURED, 2.2),
-        (stretch.free, PREDICTED, 1.0),
+        (record.measured, MEASURED, 2.2),
+        (record.free, PREDICTED, 1.0),
     ):
         share, _ = np.histogram(values[:, 0], bins, density=True)
         axes.stairs(share, bins, color=colour, lw=width)
@@ -131,7 +131,8 @@ def _draw_densities(axes, stretch, label):
 
 
 def _draw_correlation(axes, found):
-    white, rate = found.whiteness, found.fitted.stretches[0].rate
+    record = found.records[0]
+    white, rate = record.whiteness(), record.rate
     lags = np.arange(1, white.correlations.size + 1) / rate
     axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)
     axes.axhspan(-white.bound, white.bound, color="0.85", lw=0)

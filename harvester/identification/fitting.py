@@ -8,24 +8,25 @@ gives alone: records in time, else responses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import IdentificationError
+from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.fitted_model import Fitted
-from harvester.identification.measured_impedance import MeasuredImpedance
-from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.proof import predicted, predicted_lines
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.identifiability import undetermined
+from harvester.identification.linear_start import shifted
+from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
+from harvester.identification.measurement import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
     FINE_STEPS,
     INTERPOLATIONS,
+    NO_STATES,
     Responses,
     experiment,
 )
@@ -41,13 +42,136 @@ from harvester.identification.search import (
     searched,
 )
 from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
-from harvester.identification.unknowns import ORIGIN, unknowns
+from harvester.identification.unknowns import (
+    ORIGIN,
+    first_sizes,
+    sizes_of,
+    unknowns,
+    with_values,
+)
+from harvester.identification.validation_record import (
+    ValidationRecord,
+    predicted,
+    predicted_lines,
+)
 from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
+
+# Two errors that differ by less than this share count as equal.
+NOTED = 0.02
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model with the values that fit.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene with the fitted values.
+    values : ndarray, shape (unknowns,)
+    covariance : ndarray, shape (unknowns, unknowns)
+    records : list of ValidationRecord
+        The kept-aside part of each record.
+    interpolation : str
+        Interpolation of the acceleration between its samples.
+    settled : ShootingFit or None
+        Windows of the parts kept aside, of records in time.
+    """
+
+    scene: Scene
+    values: np.ndarray
+    covariance: np.ndarray
+    undetermined: list
+    records: list[ValidationRecord]
+    interpolation: str
+    shooting: Shooting
+    fit: ShootingFit
+    settled: ShootingFit | None = None
+
+    @classmethod
+    def concluded(
+        cls,
+        scene: Scene,
+        shooting: Shooting,
+        fit: ShootingFit,
+        covariance: np.ndarray,
+        records: list[ValidationRecord],
+        settled: ShootingFit | None = None,
+    ) -> Fitted:
+        """The model at the end of a fit; `scene` is the scene that the fit began with.
+
+        Raises
+        ------
+        IdentificationError
+            No device has these values.
+        """
+        keys = [unknown.key for unknown in shooting.unknowns]
+        fitted_scene = with_values(scene, keys, fit.values)
+        if fitted_scene is None:
+            raise IdentificationError(
+                f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
+                "units and signs, free fewer (--free), or begin nearer (--set)"
+            )
+        path = shooting.responses.interpolation
+        base = fitted_scene.excitation
+        if isinstance(base, RecordedMotion) and base.knot_spacing is None:
+            # Later simulations under this record then interpolate it as the fit did.
+            fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
+        unclear = undetermined(shooting.unknowns, fit.values, covariance)
+        return cls(
+            fitted_scene, fit.values, covariance, unclear, records, path, shooting, fit, settled
+        )
+
+    def with_covariance(self, covariance: np.ndarray) -> Fitted:
+        """The same model with another covariance, which gives wider intervals."""
+        unclear = undetermined(self.shooting.unknowns, self.values, covariance)
+        return replace(self, covariance=covariance, undetermined=unclear)
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the residuals of the data kept aside are only noise, so that no model can
+        be better."""
+        return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of the values."""
+        return self.shooting.responses.keys
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Standard errors of the values."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def relative_errors(self) -> dict[str, float]:
+        """Standard error of each value as a share of it, by its key."""
+        shares = self.standard_errors / np.maximum(np.abs(self.values), 1e-300)
+        return dict(zip(self.keys, map(float, shares), strict=True))
+
+    @property
+    def nrmse(self) -> float:
+        """Normalized rms error of the first output over all stretches kept aside."""
+        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
+
+
+def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
+    if isinstance(measurements[0], MeasuredResponse):
+        return first_sizes(base.scene, measurements)
+    reach, speed = 0.0, 0.0
+    fit = base.fit
+    for number in range(len(fit.edges)):
+        states = base.shooting.states(fit, number)
+        reach = max(reach, float(np.abs(states[:, 0]).max()))
+        speed = max(speed, float(np.std(states[:, 1])))
+    length = base.shooting.responses.length
+    return sizes_of(base.scene, measurements, reach * length, speed * length)
+
 
 # Share of each record, from its beginning, that is fitted; the rest is kept aside.
 FITTED_SHARE = 2.0 / 3.0
@@ -58,8 +182,11 @@ FEWEST_FOR_LINES = 20.0
 RULED_OUT = 9.0
 # A fit to responses may begin at these multiples of the scene's stiffness, damping and coupling;
 # the best few of these starts are fitted.
-STIFFNESSES = np.geomspace(0.2, 5.0, 65)
-DAMPINGS, COUPLINGS = (0.25, 1.0, 4.0), (0.3, 1.0, 3.0)
+GRID: Any = (
+    (("restoring_force", "stiffness"), np.geomspace(0.2, 5.0, 65)),
+    (("damping",), (0.25, 1.0, 4.0)),
+    (("coupling",), (0.3, 1.0, 3.0)),
+)
 MOST_STARTS = 4
 MASS = "oscillator.mass"
 # These values are proportional to the mass if the motion stays the same.
@@ -73,27 +200,32 @@ FORCE = "oscillator.restoring_force[{}]"
 ORIGIN_ITERATIONS = 6
 
 
-def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
+def _lengths(records):
     """Number of samples of each record that are fitted."""
-    return [int(FITTED_SHARE * record.acceleration.size) for record in measurements]
+    return [int(FITTED_SHARE * record.acceleration.size) for record in records]
 
 
 def responses_of(
     scene: Scene,
-    measurements: Sequence[Measurement],
+    measurements: Sequence[Measurement | MeasuredResponse],
     keys: Sequence[str],
     length: float,
     per_period: int,
 ) -> Responses:
-    """The records as experiments with the scene."""
+    """The measurements as experiments with the scene."""
     experiments = [experiment(scene, record, per_period) for record in measurements]
-    return Responses(experiments, keys, length, interpolations_of(measurements)[0])
+    return Responses(experiments, keys, length, _interpolations(measurements)[0])
 
 
-def interpolations_of(measurements: Sequence[Measurement]) -> tuple[str, ...]:
+def _interpolations(measurements):
     """Interpolations to try between samples: only the smooth one where samples are few."""
-    fewest = min(record.sampling_rate / frequencies(record)[0] for record in measurements)
-    return INTERPOLATIONS if fewest >= FEWEST_FOR_LINES else INTERPOLATIONS[1:]
+    rates = [
+        record.sampling_rate / frequencies(record)[0]
+        for record in measurements
+        if not isinstance(record, MeasuredResponse)
+    ]
+    few = min(rates, default=FEWEST_FOR_LINES) < FEWEST_FOR_LINES
+    return INTERPOLATIONS[1:] if few else INTERPOLATIONS
 
 
 def fitted(
@@ -102,6 +234,7 @@ def fitted(
     keys: Sequence[str],
     sizes: dict[str, float],
     warm: Fitted | None = None,
+    follow: Callable[[float], object] = lambda share: None,
 ) -> Fitted:
     """Fit one model.
 
@@ -110,130 +243,119 @@ def fitted(
     scene : Scene
         Scene that gives the initial values and all values that are not free.
     measurements : sequence of Measurement or MeasuredResponse
-        Records in time first.
+        Records in time first, then responses and impedances.
     keys : sequence of str
         Keys of the free values.
     sizes : dict of str to float
         Sizes of keys whose start may be 0.
     warm : Fitted, optional
         A neighbouring model of the same records, from whose values and windows the fit begins.
+    follow : callable, optional
+        Function of the share done.
 
     Raises
     ------
     IdentificationError
         No start leads to a device that follows the records.
     """
-    steady = [record for record in measurements if isinstance(record, MeasuredResponse)]
+    lines = [record for record in measurements if isinstance(record, MeasuredResponse)]
     times = [record for record in measurements if not isinstance(record, MeasuredResponse)]
-    if steady:
-        return _fitted_lines(scene, times, steady, keys, sizes, warm)
-    length = warm.shooting.responses.length if warm else prepared(scene).scales.displacement
-    responses, fine = (
-        responses_of(scene, times, keys, length, steps) for steps in (COARSE_STEPS, FINE_STEPS)
-    )
-    free = unknowns(scene, keys, sizes)
-    lengths = lengths_of(times)
-    if warm:
-        responses.interpolation = fine.interpolation = warm.interpolation
-        problem = _warmed(responses, fine, free, warm)
-    else:
-        problem = searched(responses, free, lengths)
-    if problem is None:
-        raise IdentificationError(
-            f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
-            "units and signs, the load's resistance, and begin nearer (--set)"
-        )
-    shooting, fit = problem
-    if not warm:
-        fit = _recentred(shooting, fit, scene)
-    # A neighbouring model interpolates the records as the model that it is compared with.
-    fits = {responses.interpolation: fit}
-    if not warm and len(interpolations_of(times)) > 1:
-        fits |= _otherwise(shooting, fit)
-    shooting.responses = fine
-    for name, start in fits.items():
-        fine.interpolation = name
-        fits[name] = shooting.minimized(start, LAST, FINE)
-    best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
-    fit, fine.interpolation = fits[best], best
-    values = fit.values
-    covariance = intervals.covariance(shooting, fit)
-    for other in (fits[name] for name in others):
-        if _misfit(other) - _misfit(fit) < RULED_OUT:
-            # The base's path between the samples is unknown: the difference between both fits is an
-            # error.
-            covariance = covariance + np.outer(other.values - values, other.values - values)
-    proof, settled = predicted(shooting, fit, _ends(times))
-    return Fitted.concluded(scene, shooting, fit, covariance, proof, settled)
-
-
-def _ends(times):
-    """First and last sample of each record's part that is kept aside."""
-    return [
-        (length, record.acceleration.size)
-        for length, record in zip(lengths_of(times), times, strict=True)
-    ]
-
-
-def _fitted_lines(scene, times, steady, keys, sizes, warm):
-    """Fit one model to responses and impedances, and to records in time if there are any."""
-    joint = bool(times) or any(isinstance(record, MeasuredImpedance) for record in steady)
-    if scene.stoppers and not joint:
+    swept = [record for record in lines if not isinstance(record, MeasuredImpedance)]
+    joint = bool(lines) and (bool(times) or len(swept) < len(lines))
+    if scene.stoppers and not times and not joint:
         raise IdentificationError(
             f"{scene.name}: a frequency response cannot determine stoppers: identify them from a "
             "record in time"
         )
-    first, count = warm, len(times)
-    if joint and first is None:
+    first = warm
+    if first is None and lines and (alone := times or swept * joint):
         # The first model, of records of one kind, has the scene's mass.
-        alone = times or [r for r in steady if not isinstance(r, MeasuredImpedance)]
-        first = fitted(scene, alone, [key for key in keys if key != MASS], sizes)
-    length = first.shooting.responses.length if joint else prepared(scene).scales.displacement
-    in_time = responses_of(scene, times, keys, length, FINE_STEPS) if times else None
+        first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
+    length = first.shooting.responses.length if first else prepared(scene).scales.displacement
+    parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
+    responses = responses_of(scene, parts, keys, length, FINE_STEPS)
     free = unknowns(scene, keys, sizes)
-    responses, validation = (
-        _line_responses(scene, in_time, steady, keys, length, aside) for aside in (False, True)
-    )
-    shooting = Shooting(responses, free, [np.zeros(3)] * len(responses.experiments))
-    if first:
-        responses.interpolation = first.interpolation
-        shooting.state_sizes[:count] = first.shooting.state_sizes[:count]
-        shooting.states_there[:count] = first.shooting.states_there[:count]
-        starts = _near_starts(shooting, first, scene, count, joint)
+    if not lines:
+        coarse = responses_of(scene, times, keys, length, COARSE_STEPS)
+        shooting, starts = _in_time(scene, times, coarse, responses, free, warm, follow)
     else:
-        starts = sorted(_grid_starts(shooting), key=shooting.cost)[:MOST_STARTS]
-    fits = [shooting.minimized(start, LAST, FINE) for start in starts]
-    fits = [fit for fit in fits if fit.grams]
+        shooting = Shooting(responses, free, [np.zeros(3)] * len(parts))
+        starts = _of_lines(shooting, first, scene, len(times), joint)
+    fits = []
+    for interpolation, start in starts:
+        responses.interpolation = interpolation
+        fit = shooting.minimized(start, LAST, FINE)
+        fits += [(interpolation, fit)] * bool(fit.grams)
     if not fits:
-        advice = "that all are of the same device" if joint else "begin nearer (--set)"
         raise IdentificationError(
-            f"{scene.name}: no values of {', '.join(keys)} follow "
-            f"{'all records' if joint else 'the response'}: check the columns' units, the load's "
-            f"resistance, and {advice}"
+            f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
+            "units and signs, the load's resistance, that all are of the same device, and begin "
+            "nearer (--set)"
         )
-    fit = min(fits, key=lambda fit: fit.cost)
-    for _ in range(WEIGHTINGS if joint else 1):
-        fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
-    covariance = intervals.covariance(shooting, fit)
-    stretches: list[Any] = []
-    settled: ShootingFit | None = None
-    if in_time:
-        in_time.interpolation = first.interpolation
-        time_fit = ShootingFit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
-        time_shooting = shooting.beside(in_time, free, count)
-        stretches, settled = predicted(time_shooting, time_fit, _ends(times))
-    lines = range(count, count + len(steady))
-    stretches += [predicted_lines(validation, fit.values, number) for number in lines]
-    return Fitted.concluded(scene, shooting, fit, covariance, stretches, settled)
-
-
-def _line_responses(scene, in_time, steady, keys, length, aside):
-    """Responses of the records and of each steady record's lines: fitted ones, or those aside."""
-    experiments = [
-        SteadyExperiment(record.part(record.aside == aside), scene.replace(record.changes))
-        for record in steady
+    responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
+    # The base's path between the samples is unknown: if another fits as well, the difference
+    # between both fits is an error.
+    others = [
+        other.values - fit.values
+        for interpolation, other in fits
+        if interpolation != responses.interpolation and _misfit(other) - _misfit(fit) < RULED_OUT
     ]
-    return SteadyResponses([*(in_time.experiments if in_time else ()), *experiments], keys, length)
+    for _ in range(WEIGHTINGS if lines else 0):
+        fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
+    covariance = sum((np.outer(d, d) for d in others), intervals.covariance(shooting, fit))
+    records: list[Any] = []
+    settled = None
+    if times:
+        ends = [record.acceleration.size for record in times]
+        alone, windows = shooting.of_first(len(times), fit)
+        spans = list(zip(_lengths(times), ends, strict=True))
+        records, settled = predicted(alone, windows, spans)
+    kept = responses_of(scene, [r.part(r.aside) for r in lines], keys, length, FINE_STEPS)
+    records += [predicted_lines(kept, fit.values, number) for number in range(len(lines))]
+    return Fitted.concluded(scene, shooting, fit, covariance, records, settled)
+
+
+def _in_time(scene, times, coarse, fine, free, warm, follow):
+    """The problem of records in time, and its starts by the interpolation that each has."""
+    if warm:
+        coarse.interpolation = fine.interpolation = warm.interpolation
+        problem = _warmed(coarse, fine, free, warm)
+    else:
+        problem = searched(coarse, free, _lengths(times), follow)
+    if problem is None:
+        return Shooting(fine, free, []), []
+    shooting, fit = problem
+    # A neighbouring model interpolates the records as the model that it is compared with.
+    starts = [(coarse.interpolation, fit)]
+    if not warm:
+        starts = [(coarse.interpolation, _recentred(shooting, fit, scene))]
+        for other in _interpolations(times)[1:]:
+            starts += _otherwise(shooting, starts[0][1], other)
+    shooting.responses = fine
+    return shooting, starts
+
+
+def _of_lines(shooting, first, scene, count, joint):
+    """Starts of a fit to responses and impedances, and to records in time if there are any."""
+    lines = _line_windows(shooting.responses.experiments[count:])
+    if first is None:
+        grid = (ShootingFit(values, *lines) for values in _grid(shooting, joint))
+        best = sorted(grid, key=shooting.cost)[:MOST_STARTS]
+        return [(INTERPOLATIONS[0], start) for start in best]
+    shooting.state_sizes[:count] = first.shooting.state_sizes[:count]
+    shooting.states_there[:count] = first.shooting.states_there[:count]
+    previous = dict(zip(first.keys, first.values, strict=True))
+    values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
+    old = first.fit.edges, first.fit.starts, first.fit.noise
+    # Windows of records in time are taken over.
+    windows: Any = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
+    starts = [values]
+    coupling = previous.get("piezo.coupling")
+    if joint and coupling and MASS in shooting.responses.keys and scene.transducer:
+        # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
+        factor = (coupling / scene.transducer.coupling) ** 2
+        starts.append(_of_mass(shooting, values, factor, scene))
+    return [(first.interpolation, ShootingFit(values, *windows)) for values in starts]
 
 
 def _line_windows(experiments):
@@ -249,29 +371,8 @@ def _line_windows(experiments):
     return edges, [NO_STATES] * len(edges), noise
 
 
-def _near_starts(shooting, first, scene, count, joint):
-    """Starts at a neighbouring model's values, and at the same rescaled to a likely mass."""
-    previous = dict(zip(first.keys, first.values, strict=True))
-    values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
-    old = first.fit.edges, first.fit.starts, first.fit.noise
-    if not joint:
-        return [ShootingFit(values, *old)]
-    # Windows of records in time are taken over.
-    lines = _line_windows(shooting.responses.experiments[count:])
-    edges, starts, noise = ([*a[:count], *b] for a, b in zip(old, lines, strict=True))
-    fits = [ShootingFit(values, edges, starts, noise)]
-    coupling = previous.get("piezo.coupling")
-    if coupling and MASS in shooting.responses.keys and scene.transducer:
-        # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
-        factor = (coupling / scene.transducer.coupling) ** 2
-        fits.append(ShootingFit(_of_mass(shooting, values, factor, scene), edges, starts, noise))
-    return fits
-
-
 def _of_mass(shooting, values, factor, scene):
     """Values of a device with the scene's mass times a factor and the scene's impedance."""
-    if factor == 1.0:
-        return values
     scaled = values.copy()
     for number, unknown in enumerate(shooting.unknowns):
         if unknown.key == "piezo.coupling":
@@ -281,38 +382,35 @@ def _of_mass(shooting, values, factor, scene):
     return np.clip(scaled, shooting.low, shooting.high)
 
 
-def _grid_starts(shooting):
-    """Values on a grid of factors, each kind of parameter by its own."""
-    keys = shooting.responses.keys
+def _grid(shooting, is_known):
+    """Values on a grid of factors, each kind of parameter by its own; the start alone if known."""
     first = np.array([unknown.start for unknown in shooting.unknowns])
-    kinds = (
-        (["restoring_force" in key or key.endswith("stiffness") for key in keys], STIFFNESSES),
-        (["damping" in key for key in keys], DAMPINGS),
-        ([key.endswith("coupling") for key in keys], COUPLINGS),
-    )
-    grids = [factors if any(members) else (1.0,) for members, factors in kinds]
-    windows = _line_windows(shooting.responses.experiments)
+    kinds = [
+        np.array([any(word in key for word in words) for key in shooting.responses.keys])
+        for words, _ in GRID
+    ]
+    grids = [
+        factors if members.any() and not is_known else (1.0,)
+        for members, (_, factors) in zip(kinds, GRID, strict=True)
+    ]
     for factors in product(*grids):
         values = first.copy()
-        for (members, _), factor in zip(kinds, factors, strict=True):
+        for members, factor in zip(kinds, factors, strict=True):
             values[members] *= factor
-        yield ShootingFit(np.clip(values, shooting.low, shooting.high), *windows)
+        yield np.clip(values, shooting.low, shooting.high)
 
 
-def _otherwise(shooting, fit):
-    """The fit with the other interpolation, by its name; none where no motion follows."""
-    responses = shooting.responses
-    interpolation = responses.interpolation
-    (other,) = (name for name in INTERPOLATIONS if name != interpolation)
-    begun = opened(shooting, fit)
-    responses.interpolation = other
+def _otherwise(shooting, fit, other):
+    """The start with another interpolation, in a list; an empty one where no motion follows."""
+    responses, begun = shooting.responses, opened(shooting, fit)
+    interpolation, responses.interpolation = responses.interpolation, other
     trial = followed_anew(shooting, begun, fit.cost)
     if trial:
         # Both costs are compared with the same weights.
         trial = replace(trial, noise=fit.noise)
         trial.cost = shooting.cost(trial)
     responses.interpolation = interpolation
-    return {other: trial} if trial and trial.cost < HOPELESS * fit.cost else {}
+    return [(other, trial)] if trial and trial.cost < HOPELESS * fit.cost else []
 
 
 def _misfit(fit):
@@ -363,9 +461,9 @@ def _recentred(shooting, fit, scene):
         if abs(root.imag) < 1e-9 * reach
     ]
     powers = reach ** np.arange(1, len(original))
-    shifted = [(shift, _shifted(force, shift)) for shift in shifts]
+    springs = [(shift, shifted(force, -shift)) for shift in shifts]
     shift, moved = min(
-        shifted, key=lambda pair: float(np.sum(((pair[1][1:] - original[1:]) * powers) ** 2))
+        springs, key=lambda pair: float(np.sum(((pair[1][1:] - original[1:]) * powers) ** 2))
     )
     if abs(shift) < 1e-6 * reach:
         return fit
@@ -375,9 +473,3 @@ def _recentred(shooting, fit, scene):
     starts = [states - [shift / responses.length, 0.0, 0.0] for states in fit.starts]
     trial = shooting.minimized(replace(fit, values=values, starts=starts), ORIGIN_ITERATIONS, 1e-9)
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit
-
-
-def _shifted(force, distance):
-    """Coefficients of F(x + distance)."""
-    moved = np.polynomial.Polynomial(force)(np.polynomial.Polynomial([distance, 1.0]))
-    return np.append(moved.coef, np.zeros(len(force)))[: len(force)]

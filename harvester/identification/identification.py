@@ -1,4 +1,4 @@
-"""Result of an identification: values, intervals, proof, tables and files."""
+"""Result of an identification: values, intervals, verdict, tables and files."""
 
 from __future__ import annotations
 
@@ -9,31 +9,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.formatting import NOT_KNOWN, share_with_error, span, with_error, written
+from harvester.base.formatting import Printed, span, value_and_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
-from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.drawing import draw, draw_posterior
 from harvester.identification.fitting import responses_of
-from harvester.identification.intervals import HALF_INTERVAL, interval
-from harvester.identification.proof import ResponseStretch, sensor_noise
+from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
+from harvester.identification.rivals import Rival, proposed
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    ResponseRecord,
+    ValidationRecord,
+    WholeRecord,
+)
+from harvester.identification.verdict import dependent, findings
 from harvester.results.view import Picture, ResultBase, View
+from harvester.scene.numbers import numbers
 from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
-    from harvester.identification.consistency import Misfit
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.identifiability import Undetermined
     from harvester.identification.impedance_fit import FromImpedance
-    from harvester.identification.intervals import Undetermined
-    from harvester.identification.kept_aside import Kept
+    from harvester.identification.kept_aside import Visited
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
-    from harvester.identification.proof import Whiteness
-    from harvester.identification.spring_shape import SpringShape
-    from harvester.identification.verdict import FitVerdict
-    from harvester.identification.visited import Visited
+    from harvester.identification.verdict import Evidence, FitVerdict
     from harvester.scene.model import Scene
 
 
@@ -45,6 +48,10 @@ CAPTION = (
     "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
     "densities from one start alone); orange: the difference in windows."
 )
+# Verdicts of models whose values are claimed.
+CLAIMING = ("predicts", "fits")
+# Units of a sensor's effects.
+SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz", "resistance": "Ω"}
 POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
 
 
@@ -62,24 +69,14 @@ class Identification(ResultBase):
         Values, covariance, and what the model predicts of the data kept aside.
     kept : list of (str, Undetermined)
         Keys that stay as in the scene, and what the records leave open.
-    candidates : list of Candidate
-        The scene's own model first.
-    whiteness : Whiteness
-        Whiteness of the residuals of the first record's part that was kept aside.
+    evidence : Evidence
+        Validation records, rival models and what else the verdict is given on.
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
         Posterior of the values, where it was asked for.
     impedance : FromImpedance, optional
         Results from the impedance, if one was given.
-    misfits : list of Misfit
-        Residuals of each output of each record, compared with the sensors' noise.
-    spring_shape : SpringShape or None
-        The spring beside one with the next power, of a model that explains its records in time.
-    kept_aside : list of Kept
-        Whole records that were not fitted to.
-    visited : Visited or None
-        Ranges that the records visited; None if there are only frequency responses.
     """
 
     scene: Scene
@@ -87,16 +84,31 @@ class Identification(ResultBase):
     measurements: list[Measurement]
     fitted: Fitted
     kept: list[tuple[str, Undetermined]]
-    candidates: Sequence[Candidate]
-    whiteness: Whiteness
+    evidence: Evidence
     verdict: FitVerdict
     seconds: float
     posterior: Posterior | None = None
     impedance: FromImpedance | None = None
-    misfits: Sequence[Misfit] = ()
-    spring_shape: SpringShape | None = None
-    kept_aside: Sequence[Kept] = ()
-    visited: Visited | None = None
+
+    @property
+    def records(self) -> Sequence[ValidationRecord]:
+        """Validation records of the fitted measurements."""
+        return self.evidence.records
+
+    @property
+    def kept_aside(self) -> Sequence[WholeRecord]:
+        """Validation records of the measurements that were not fitted."""
+        return self.evidence.whole
+
+    @property
+    def rivals(self) -> Sequence[Rival]:
+        """The scene's own model first, then the others."""
+        return self.evidence.rivals
+
+    @property
+    def visited(self) -> Visited | None:
+        """Ranges that the records visited; None if there are only frequency responses."""
+        return self.evidence.visited
 
     @property
     def keys(self) -> list[str]:
@@ -130,9 +142,14 @@ class Identification(ResultBase):
         return {key for direction in self.fitted.undetermined for key in direction.keys}
 
     @property
-    def proposed(self) -> Candidate:
-        """The simplest model that predicts as well as the best."""
-        return proposed(self.candidates)
+    def dependent(self) -> dict[str, list[str]]:
+        """Sensors' gains and other known values that values are only as right as, by key."""
+        return dependent(self.evidence)
+
+    @property
+    def proposed(self) -> Rival:
+        """The simplest model that predicts as well as the best of those that leave only noise."""
+        return proposed(self.rivals)
 
     def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
         """Simulated sensor signals under another record's acceleration, the device starting at
@@ -162,6 +179,7 @@ class Identification(ResultBase):
         return View(
             self._table(),
             self._findings(),
+            headline=self.verdict.sentence,
             pictures=[
                 Picture(draw, self),
                 *[Picture(draw_posterior, self, "posterior")] * (self.posterior is not None),
@@ -172,21 +190,31 @@ class Identification(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text: each value with its interval."""
-        header = ["parameter", "state", "value", "95 % interval", "relative half-width"]
-        rows = []
-        for key, value in self.values.items():
-            low, high = self.intervals[key]
-            half = 0.5 * (high - low)
-            share = written(half / abs(value), ".2%") if value else NOT_KNOWN
-            state = self._state(key)
-            printed = written(value, ".6g", "", self.standard_errors[key])
-            rows.append([key, state, printed, span(low, high, "", 6), share])
+        """Header and rows as text: each value with its interval and unit."""
+        header, rows = ["parameter", "value ± 95 % interval", "unit", "state"], self._rows()
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
                 row.append(span(low, high, "", 6))
         return header, rows
+
+    def _rows(self, rival=None):
+        """Name, value with half of its interval, unit and state of each value of a model."""
+        model, rows = rival or self.fitted, []
+        unclear = {key for direction in model.undetermined for key in direction.keys}
+        for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
+            printed = value_and_error(value, HALF_INTERVAL * error)
+            state = "identified" if rival else self._state(key)
+            if key in unclear:
+                printed, state = Printed("undetermined", value), "undetermined"
+            rows.append([key, printed, self._unit(key), state])
+        return rows
+
+    def _unit(self, key):
+        """Unit of a value, empty where it has none."""
+        spec = numbers(self.scene).get(key, (0.0, None))[1]
+        unit = spec.unit_in(self.scene.units) if spec else SENSOR_UNITS.get(key.rpartition("_")[2])
+        return "" if unit in (None, "1") else unit
 
     def _records(self):
         """Header and a row for each value."""
@@ -200,12 +228,16 @@ class Identification(ResultBase):
         """How far the records determine a value."""
         if key in self.undetermined:
             return "undetermined"
+        if self.verdict.word not in CLAIMING:
+            return "not claimed"
         # These are coefficients about x = 0, where the records have no motion.
-        return "extrapolated" if self.visited and key in self.visited.values else "identified"
+        if self.visited and key in self.visited.values:
+            return "extrapolated"
+        return "conditional" if key in self.dependent else "identified"
 
     def _findings(self) -> list[str]:
-        """The verdict, what is not determined, the proof of each record, and the other models."""
-        lines = [self.verdict.sentence]
+        """What is to be done, what is not determined, and what supports the verdict."""
+        lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
             lines += self.impedance.findings("oscillator.mass" in self.keys)
         lines += [
@@ -213,37 +245,15 @@ class Identification(ResultBase):
             for record in self.measurements
             for remark in getattr(record, "remarks", ())
         ]
-        if self.visited:
-            lines.append(f"visited: {self.visited.ranges}")
-            lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
-        lines += [
-            f"{misfit.record}: {misfit.output} NRMSE {misfit.left:.2%}, {misfit.noise:.2%} is "
-            f"the sensors' noise, {misfit.systematic:.2%} follow from the motion"
-            f"{'' if misfit.is_noise else ', which is no noise'}"
-            for misfit in self.misfits
-        ]
         lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
-        for stretch in self.fitted.stretches:
-            measured, predicted, difference = stretch.powers()
-            name, unit = stretch.compared
-            in_windows = f" in {_counted(stretch.windows, 'window')}" if stretch.long else ""
-            lines.append(
-                f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
-                f"{in_windows}; {name} measured {with_error(measured, unit)}, predicted "
-                f"{with_error(predicted, unit)}, difference {share_with_error(difference)}"
-            )
-            if stretch.windows > 1:
-                lines.append(
-                    f"{stretch.name}: from one start alone, whose path may diverge from the "
-                    f"measured one, {name} {with_error(stretch.free_power(), unit)}"
-                )
-        lines += [str(prediction) for prediction in self.kept_aside]
-        lines += [
-            f"model {model.name}: {len(model.fitted.keys)} values, NRMSE {model.fitted.nrmse:.2%} "
-            f"on the data kept aside{self._sensors(model.fitted)}"
-            for model in self.candidates[1:]
-        ]
+        lines += findings(self.evidence)
+        if self.proposed is not self.rivals[0]:
+            lines += [
+                f"proposed: free {' = '.join(row[:2])} (--free {row[0]})"
+                for row in self._rows(self.proposed.fitted)
+                if row[0].startswith("sensor.") and row[0] not in self.keys
+            ]
         if self.posterior:
             lines.append(
                 f"posterior: {self.posterior.independent:.0f} independent draws, "
@@ -256,23 +266,13 @@ class Identification(ResultBase):
         )
         return lines
 
-    def _sensors(self, other):
-        """Sensor effects of another model that this one lacks, in words."""
-        effects = zip(other.keys, other.values, other.standard_errors, strict=True)
-        return "".join(
-            f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"
-            for key, value, error in effects
-            if key.startswith("sensor.") and key not in self.keys
-        )
-
     def _fitted_part(self):
         """Text: the part of the records that was fitted."""
-        stretches = self.fitted.stretches
-        steady = sum(isinstance(stretch, ResponseStretch) for stretch in stretches)
+        steady = sum(isinstance(record, ResponseRecord) for record in self.records)
         lines = f"two of every three frequencies of {_counted(steady, 'record')}"
-        if steady == len(stretches):
+        count = len(self.records) - steady
+        if not count:
             return lines
-        count = len(stretches) - steady
         windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
             f"the first two thirds of {_counted(count, 'record')} in "
@@ -282,6 +282,7 @@ class Identification(ResultBase):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        white = self.records[0].whiteness()
         return plain(
             {
                 "scene": self.scene,
@@ -292,7 +293,7 @@ class Identification(ResultBase):
                         "value": value,
                         "standard_error": self.standard_errors[key],
                         "interval": self.intervals[key],
-                        "determined": key not in self.undetermined,
+                        "determined": self._state(key) in ("identified", "extrapolated"),
                         "state": self._state(key),
                     }
                     for key, value in self.values.items()
@@ -301,26 +302,28 @@ class Identification(ResultBase):
                 "covariance": self.covariance,
                 "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
-                "records": [_record(stretch) for stretch in self.fitted.stretches],
-                "misfits": list(self.misfits),
-                "spring_shape": self.spring_shape,
-                "visited": self.visited,
-                "kept_aside": [
-                    {**vars(prediction), "within_interval": prediction.holds}
-                    for prediction in self.kept_aside
+                "records": [_record(record) for record in self.records],
+                "misfits": [
+                    {"record": record.name, **part._asdict()}
+                    for record in self.records
+                    for part in record.unexplained
                 ],
-                "residuals_white": self.whiteness.white,
-                "whiteness_probability": self.whiteness.probability,
+                "spring_shape": self.evidence.spring and self.evidence.spring._asdict(),
+                "assumptions": list(self.evidence.assumptions),
+                "visited": self.visited,
+                "kept_aside": [record.to_dict() for record in self.kept_aside],
+                "residuals_white": white.white,
+                "whiteness_probability": white.probability,
                 "candidates": [
                     {
-                        "model": model.name,
-                        "keys": model.fitted.keys,
-                        "values": model.fitted.values,
-                        "nrmse": model.fitted.nrmse,
-                        "log_ratio_of_mean_squares": model.better,
-                        "standard_error": model.error,
+                        "model": rival.name,
+                        "log_ratio_of_mean_squares": rival.better,
+                        "standard_error": rival.error,
+                        "leaves_only_noise": rival.explains,
+                        "remark": rival.remark,
+                        **_values(rival.fitted),
                     }
-                    for model in self.candidates
+                    for rival in self.rivals
                 ],
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
@@ -330,35 +333,33 @@ class Identification(ResultBase):
             }
         )
 
-    def scene_text(self, candidate: Candidate | None = None) -> str:
-        """The scene as a TOML file with intervals in comments; that of another model on demand."""
-        model = candidate.fitted if candidate else self.fitted
+    def scene_text(self, rival: Rival | None = None) -> str:
+        """The scene as a TOML file with intervals in comments; that of another model on demand.
+
+        Its head has the verdict, the table and the findings.
+        """
+        model = rival.fitted if rival and rival.fitted else self.fitted
         errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
         comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
+        for key, known in self.dependent.items():
+            if key in comments:
+                comments[key] += f", if {_condition(known)}"
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
         for direction in model.undetermined:
             comments |= {key: "not determined by the records" for key in direction.keys}
         names = ", ".join(record.name for record in self.measurements)
-        sensors = [
-            f"{key} = {value:.6g} ± {errors[key]:.2g} (95 %)"
-            for key, value in zip(model.keys, model.values, strict=True)
-            if key.startswith("sensor.")
-        ]
         path = f'Between samples of a record: interpolation = "{model.interpolation}".'
-        heading = [f"Identified from {names}.", self.verdict.sentence, path, *sensors]
-        return scene_text(model.scene, comments, heading)
+        rows = ["; ".join(filter(None, row)) for row in self._rows(rival and rival.fitted)]
+        heading = [self.verdict.sentence, f"Identified from {names}.", *rows, *self._findings()]
+        return scene_text(model.scene, comments, [*heading, path])
 
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
         from harvester.results import page
 
-        first, *others = self._findings()
-        verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]
-        models = [
-            (model.name, str(len(model.fitted.keys)), f"{model.fitted.nrmse:.2%}")
-            for model in self.candidates
-        ]
+        verdicts = [page.Verdict(self.verdict.sentence, self.verdict.good)]
+        verdicts += map(page.Verdict, self._findings())
         name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
         sections = {
             "Verdict": page.verdict_list(verdicts),
@@ -368,7 +369,6 @@ class Identification(ResultBase):
         if self.posterior:
             picture = Picture(draw_posterior, self)
             sections["Posterior"] = picture.html(f"{name}: posterior", POSTERIOR_CAPTION)
-        sections["Models"] = page.wide(page.table_of(("model", "values", "NRMSE"), models))
         sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
         about = f"scene {self.scene.digest()[:12]}"
         return page.page(f"{name}: identified from {records}", about, sections)
@@ -376,27 +376,38 @@ class Identification(ResultBase):
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""
         files = {".toml": self.scene_text(), ".html": self.page()}
-        if self.proposed is not self.candidates[0]:
+        if self.proposed is not self.rivals[0]:
             files["-proposed.toml"] = self.scene_text(self.proposed)
         return files
+
+
+def _condition(known):
+    """Text: what a value is only as right as."""
+    names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
+    return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 
 
 def _counted(count, noun):
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _record(stretch):
-    names = ("measured", "predicted", "relative_difference")
-    powers = dict(zip(names, stretch.powers(), strict=True))
+def _values(fitted):
+    if fitted is None:
+        return {}
+    return {"keys": fitted.keys, "values": fitted.values, "nrmse": fitted.nrmse}
+
+
+def _record(record):
+    names = ("measured", "predicted", "relative_difference", "free")
     return {
-        "name": stretch.name,
-        "outputs": stretch.outputs,
-        "nrmse": {name: stretch.nrmse(n) for n, name in enumerate(stretch.outputs)},
-        "sensor_noise": {name: sensor_noise(stretch, n) for n, name in enumerate(stretch.outputs)},
-        "windows": stretch.windows,
-        "compared": stretch.compared[0],
+        "name": record.name,
+        "outputs": record.outputs,
+        "nrmse": {name: record.nrmse(n) for n, name in enumerate(record.outputs)},
+        "sensor_noise": {name: record.noise(n) for n, name in enumerate(record.outputs)},
+        "windows": record.windows,
+        "compared": record.compared[0],
         **{
             name: {"estimate": estimate.estimate, "standard_error": estimate.standard_error}
-            for name, estimate in {"free": stretch.free_power(), **powers}.items()
+            for name, estimate in zip(names, (*record.powers(), record.free_power()), strict=True)
         },
     }

@@ -15,9 +15,9 @@ from harvester.base.signatures import Kind, files_of, one_record_of, records_of,
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.identifiability import Undetermined
     from harvester.identification.identification import Identification
-    from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -29,6 +29,8 @@ Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
+# Share of the work left to rivals that each of them takes.
+RIVAL_SHARE = 0.1
 # If the records leave a combination of values undetermined, the first of these that belongs to it
 # keeps the scene's value.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
@@ -105,22 +107,17 @@ def identify(
         harvester identify device --record shaker.csv load.resistance=1e5 --output identified
     """
     from harvester.device.keys import computed
-    from harvester.identification import checks
-    from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.consistency import misfits, worst
-    from harvester.identification.fitted_model import fitted_sizes
-    from harvester.identification.identification import Identification
+    from harvester.engines.progress import Stages
+    from harvester.identification import checks, rivals
+    from harvester.identification.fitting import fitted, fitted_sizes
+    from harvester.identification.identifiability import assumptions
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
-    from harvester.identification.kept_aside import kept_aside
-    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
-    from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
-    from harvester.identification.reconstruction import frequencies
-    from harvester.identification.spring_shape import spring_shape
+    from harvester.identification.kept_aside import kept_aside, visited
+    from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.unknowns import checked_keys, default_keys
-    from harvester.identification.verdict import verdict
-    from harvester.identification.visited import visited
+    from harvester.identification.validation_record import validated
+    from harvester.identification.verdict import Evidence
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
@@ -130,7 +127,7 @@ def identify(
     scene = scene.replace(
         {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}
     )
-    follow = progress or (lambda share, text: None)
+    stages = Stages(progress or (lambda share, text: None))
     measurements = _measurements(scene, records)
     analysed, begun = None, scene
     if impedance is not None:
@@ -143,7 +140,17 @@ def identify(
                     "--keep-aside: an impedance alone cannot predict a record: give a record to "
                     "fit too (--record)"
                 )
-            return _of_impedance(scene, analysed, free, posterior, clock)
+            if free is not None:
+                raise IdentificationError(
+                    f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no "
+                    "others: leave --free out, or give a record too (--record)"
+                )
+            base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
+            evidence = Evidence(base.records, [rivals.Rival("as given", base)])
+            measured = [analysed.measured]
+            return _concluded(
+                scene, measured, base, [], evidence, clock, posterior, analysed, stages
+            )
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
     if not measurements:
@@ -164,83 +171,63 @@ def identify(
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     checks.check_volts(measurements, keys)
-    follow(0.0, "fit")
+    stages.begin(0.0, MODELS_BEGIN, "fit")
     try:
-        base, undetermined = _determined(begun, measurements, keys, free is None)
+        base, undetermined = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
-    follow(MODELS_BEGIN, "other models")
+    stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
-    left = misfits(base)
-    if base.settled and worst(left):
+    left = validated(base)
+    explained = all(record.is_explained for record in left)
+    narrow = base
+    if base.settled and not explained:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
-    shape = None if worst(left) else spring_shape(base, sizes)
-    unexplained = worst(left) is not None or bool(shape and shape.is_refuted)
-    models = [Candidate("as given", base, 0.0, 0.0)]
+    models = [rivals.Rival("as given", base, explains=explained)]
+
+    def report(name: str) -> None:
+        # How many rivals there will be is not known: each takes a share of what is left.
+        begin = stages.share + RIVAL_SHARE * (POSTERIOR_BEGINS - stages.share)
+        stages.begin(begin, begin, f"rival model: {name}")
+
     if compare and any(record.acceleration is not None for record in measurements):
-        models = candidates(base, measurements, sizes, scene, not unexplained)
-
-    def follow_last(text: str) -> Callable[[float], object]:
-        return lambda share: follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, text)
-
-    sampled, seed = None, scene.run.seed
-    if posterior:
-        follow(POSTERIOR_BEGINS, "posterior")
-        sampled = posterior_of(base, seed, follow_last("posterior"))
+        models = rivals.rival_models(models[0], measurements, sizes, scene, keys, report)
+    stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
-    unseen = []
-    if where:
-        unseen = kept_aside(base, aside, where, left, seed, follow_last("records kept aside"))
-    frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
-    white = whiteness(base.stretches[0], 0, 1.0 / frequency)
+    evidence = Evidence(
+        records=left,
+        rivals=models,
+        spring=rivals.next_power(base, sizes) if explained else None,
+        errors=base.relative_errors,
+        assumptions=assumptions(base) if explained else [],
+        whole=kept_aside(narrow, aside, where, left, scene.run.seed, stages) if where else [],
+        visited=where,
+    )
+    return _concluded(
+        scene, measurements, base, undetermined, evidence, clock, posterior, analysed, stages
+    )
+
+
+def _concluded(scene, measurements, base, kept, evidence, clock, posterior, analysed, stages):
+    """The result, with the posterior if it is asked for."""
+    from harvester.identification.identification import Identification
+    from harvester.identification.posterior import posterior as posterior_of
+    from harvester.identification.verdict import verdict
+
+    stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
+    sampled = posterior_of(base, scene.run.seed, stages) if posterior else None
     return Identification(
         scene=base.scene,
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=undetermined,
-        candidates=models,
-        whiteness=white,
-        verdict=verdict(base, models, white, left, where, unseen, shape),
-        misfits=left,
-        spring_shape=shape,
-        kept_aside=unseen,
-        visited=where,
+        kept=kept,
+        evidence=evidence,
+        verdict=verdict(evidence),
         seconds=time.perf_counter() - clock,
         posterior=sampled,
-        impedance=analysed,
-    )
-
-
-def _of_impedance(scene, analysed, free, posterior, clock):
-    """The identification from an impedance alone, without records in time."""
-    from harvester.identification.candidates import Candidate
-    from harvester.identification.identification import Identification
-    from harvester.identification.impedance_fit import fitted_impedance
-    from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import whiteness
-    from harvester.identification.verdict import impedance_verdict
-
-    if free is not None:
-        raise IdentificationError(
-            f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no others: "
-            "leave --free out, or give a record too (--record)"
-        )
-    base = fitted_impedance(analysed)
-    period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
-    return Identification(
-        scene=base.scene,
-        start=scene,
-        measurements=[analysed.measured],
-        fitted=base,
-        kept=[],
-        candidates=[Candidate("as given", base, 0.0, 0.0)],
-        whiteness=whiteness(base.stretches[0], 0, period),
-        verdict=impedance_verdict(base),
-        seconds=time.perf_counter() - clock,
-        posterior=posterior_of(base, scene.run.seed) if posterior else None,
         impedance=analysed,
     )
 
@@ -273,7 +260,11 @@ def _measurements(scene, records):
 
 
 def _determined(
-    scene: Scene, measurements: list[Measurement], keys: list[str], drop: bool
+    scene: Scene,
+    measurements: list[Measurement],
+    keys: list[str],
+    drop: bool,
+    follow: Callable[[float], object],
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
@@ -281,7 +272,7 @@ def _determined(
 
     undetermined: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
-    model = fitted(scene, measurements, keys, sizes)
+    model = fitted(scene, measurements, keys, sizes, None, follow)
     while drop and model.undetermined and len(model.keys) > 1:
         unclear = model.undetermined[0]
         # The first of `KEPT_FIRST` that belongs to the direction, else the direction's first key.
@@ -290,5 +281,6 @@ def _determined(
             unclear.keys[0],
         )
         undetermined.append((out, unclear))
-        model = fitted(scene, measurements, [key for key in model.keys if key != out], sizes)
+        kept = [key for key in model.keys if key != out]
+        model = fitted(scene, measurements, kept, sizes, None, follow)
     return model, undetermined

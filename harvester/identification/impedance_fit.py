@@ -8,7 +8,9 @@ stiffness, damping and coupling² are in proportion to the mass, which is that o
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,26 +18,285 @@ import numpy as np
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.identification.butterworth_van_dyke import (
-    NUMBERS,
-    SYMBOLS,
-    ButterworthVanDyke,
-    check_width,
-    fitted_circuit,
-    jacobian,
-)
-from harvester.identification.fitted_model import Fitted
-from harvester.identification.intervals import HALF_INTERVAL, interval
-from harvester.identification.measured_impedance import MeasuredImpedance
-from harvester.identification.proof import predicted_lines
-from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
-from harvester.identification.unknowns import unknowns
+from harvester.identification.intervals import HALF_INTERVAL, correlation_factor, interval
+from harvester.identification.measured_response import MeasuredImpedance
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
+
+# A further mode is first sought with these quality factors, at each of the measured frequencies.
+QUALITIES = np.geomspace(5.0, 2000.0, 9)
+MOST_PLACES = 400
+MOST_MODES = 6
+# A further mode is accepted only if it lowers n ln(sum of squares) by more than this plus 3 ln n
+# (three new parameters, Schwarz's criterion). Noise alone does so in fewer than one set of 10,000.
+SURE_OF_MODE = 20.0
+# A branch with a lower quality factor than this corrects the background and is not counted as a
+# resonance.
+LOWEST_QUALITY = 3.0
+# Number of fits; each weights the residuals by the noise that the previous fit left.
+WEIGHTINGS = 3
+# Fewest points within a resonance's half-power width from which its quality factor is determined.
+FEWEST_OVER_WIDTH = 3
+NUMBERS = {
+    "series_resonance": "Hz",
+    "parallel_resonance": "Hz",
+    "capacitance": "F",
+    "coupling_factor": "",
+    "quality": "",
+    "loss_tangent": "",
+}
+SYMBOLS = dict(zip(NUMBERS, ("fs", "fp", "Cp", "k²", "Q", "tan δ"), strict=True))
+
+
+@dataclass(frozen=True)
+class ButterworthVanDyke:
+    """A fitted circuit.
+
+    Attributes
+    ----------
+    parameters : ndarray, shape (2 + 3 modes,)
+        ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
+    covariance : ndarray
+        Covariance of the parameters.
+    noise : tuple of float
+        Relative, of |Z|; of the phase (rad).
+    """
+
+    parameters: np.ndarray
+    covariance: np.ndarray
+    noise: tuple[float, ...]
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return (self.parameters.size - 2) // 3
+
+    @cached_property
+    def resonances(self) -> np.ndarray:
+        """Series resonance fs of each mode (Hz)."""
+        return np.exp(self.parameters[2::3])
+
+    def numbers(self, mode: int) -> dict[str, float]:
+        """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
+
+        Cp is what the mode sees beside itself: C0 and the capacitances of the modes above it, which
+        follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
+        """
+        return dict(zip(NUMBERS, _numbers(self.parameters, mode), strict=True))
+
+    def standard_errors(self, mode: int) -> dict[str, float]:
+        """Standard errors of `numbers`, by name."""
+        slopes = jacobian(lambda p: _numbers(p, mode), self.parameters)
+        variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
+        return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
+
+
+def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+    """∂function/∂parameters by central differences, shape (values, parameters)."""
+    steps = 1e-6 * np.eye(at.size)
+    return np.array([(function(at + h) - function(at - h)) / 2e-6 for h in steps]).T
+
+
+def _numbers(parameters, mode):
+    """The numbers fs, fp, Cp, k², Q and tan δ of one mode, as an array."""
+    resonance, quality, motional = np.exp(parameters[2 + 3 * mode : 5 + 3 * mode])
+    clamped = math.exp(parameters[0]) + np.exp(parameters[4 + 3 * (mode + 1) :: 3]).sum()
+    parallel = resonance * math.sqrt(1.0 + motional / clamped)
+    factor = motional / (motional + clamped)
+    return np.array([resonance, parallel, clamped, factor, quality, parameters[1]])
+
+
+def _branches(frequency, parameters):
+    """Admittances of the capacitance and of each mode, shape (n, 1 + modes)."""
+    rate = 2j * math.pi * frequency
+    columns = [rate * math.exp(parameters[0]) * (1.0 - 1j * parameters[1])]
+    for resonance, quality, motional in np.exp(parameters[2:].reshape(-1, 3)):
+        ratio = frequency / resonance
+        columns.append(rate * motional / (1.0 - ratio**2 + 1j * ratio / quality))
+    return np.column_stack(columns)
+
+
+def _slopes(frequency, parameters):
+    """∂ ln Z/∂ parameters, complex, shape (n, parameters)."""
+    branches = _branches(frequency, parameters)
+    columns = [branches[:, 0], 2.0 * math.pi * frequency * math.exp(parameters[0])]
+    for number, (resonance, quality, _) in enumerate(np.exp(parameters[2:].reshape(-1, 3)), 1):
+        ratio = frequency / resonance
+        lossy = 1j * ratio / quality
+        over = branches[:, number] / (1.0 - ratio**2 + lossy)
+        columns += [over * (lossy - 2.0 * ratio**2), over * lossy, branches[:, number]]
+    return -np.column_stack(columns) / branches.sum(axis=1)[:, None]
+
+
+def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
+    """The circuit of an impedance: as many modes as it shows.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (n,)
+        Hz, ascending.
+    impedance : ndarray, shape (n,), complex
+        Ω.
+    where : str
+        The file, for messages.
+
+    Raises
+    ------
+    IdentificationError
+        It shows no resonance.
+    """
+    parameters, left = _polished(frequency, impedance, _linear(frequency, impedance, []), _EQUAL)
+    samples = 2 * frequency.size
+    for _ in range(MOST_MODES):
+        begun = _with_another(frequency, impedance, parameters)
+        trial, remaining = _polished(frequency, impedance, begun, _EQUAL)
+        gained = samples * math.log(left / max(remaining, 1e-300))
+        shapes = np.exp(trial[2:].reshape(-1, 3))
+        inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
+        if gained < SURE_OF_MODE + 3.0 * math.log(samples) or not inside.all():
+            break
+        if (shapes[:, 1] < LOWEST_QUALITY).any():
+            break
+        parameters, left = trial, remaining
+    if parameters.size == 2:
+        raise IdentificationError(
+            f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
+            f"impedance is that of {math.exp(parameters[0]):.3g} F with tan δ = "
+            f"{parameters[1]:.2g}, to {math.sqrt(left / frequency.size):.2g} of itself: measure "
+            "where the device resonates, with its base clamped and its electrodes connected"
+        )
+    return _concluded(frequency, impedance, parameters)
+
+
+_EQUAL = (1.0, 1.0)
+
+
+def _equations(frequency, impedance, shapes):
+    """Matrix and right-hand side of Y(f) Z(f) = 1, linear in the capacitances, as real numbers."""
+    rate = 2j * math.pi * frequency
+    columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
+    target = np.concatenate([np.ones(frequency.size), np.zeros(frequency.size)])
+    return _stacked(np.column_stack(columns) * impedance[:, None]), target
+
+
+def _linear(frequency, impedance, shapes):
+    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+    table, target = _equations(frequency, impedance, shapes)
+    sizes = np.abs(table).max(axis=0)
+    coefficients = np.linalg.lstsq(table / sizes, target, rcond=None)[0] / sizes
+    largest = np.abs(coefficients).max()
+    clamped = max(coefficients[0], 1e-3 * largest)
+    parameters = [math.log(clamped), coefficients[1] / clamped]
+    for shape, motional in zip(shapes, coefficients[2:], strict=True):
+        parameters += [*np.log(shape), math.log(max(motional, 1e-6 * largest))]
+    return np.array(parameters)
+
+
+def _unit_branch(frequency, resonance, quality):
+    ratio = frequency / resonance
+    return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
+
+
+def _stacked(table):
+    """A complex array as a real one: the real parts, then the imaginary parts."""
+    return np.concatenate([table.real, table.imag])
+
+
+def _with_another(frequency, impedance, parameters):
+    """Parameters with the mode that takes most off the relative error of Y."""
+    shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
+    table, target = _equations(frequency, impedance, shapes)
+    basis, _ = np.linalg.qr(table)
+    target = target - basis @ (basis.T @ target)
+    places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
+    best, most = (places[0], QUALITIES[0]), 0.0
+    for quality in QUALITIES:
+        trial = _unit_branch(frequency[:, None], places, quality) * impedance[:, None]
+        table = _stacked(trial)
+        sizes = np.linalg.norm(table, axis=0)
+        table = table - basis @ (basis.T @ table)
+        norms = np.linalg.norm(table, axis=0)
+        along = target @ table
+        # Only branches with a positive motional capacitance are candidates.
+        gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
+        if gains.max() > most:
+            most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
+    begun = _linear(frequency, impedance, [*shapes, best])
+    return _by_frequency(begun)
+
+
+def _by_frequency(parameters):
+    """Parameters with the modes sorted by their resonances."""
+    order = np.argsort(parameters[2::3])
+    return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
+
+
+def _polished(frequency, impedance, begun, noise):
+    """(parameters, sum of squares) of the best fit near a start, each part over its noise."""
+    from scipy.optimize import least_squares
+
+    weights = 1.0 / np.repeat(noise, frequency.size)
+    clamp = np.full(begun.size, 700.0)
+
+    def residuals(parameters):
+        admittance = _branches(frequency, np.clip(parameters, -clamp, clamp)).sum(axis=1)
+        off = -np.log(admittance * impedance)
+        return np.concatenate([off.real, off.imag]) * weights
+
+    def slopes(parameters):
+        return _stacked(_slopes(frequency, np.clip(parameters, -clamp, clamp))) * weights[:, None]
+
+    with np.errstate(all="ignore"):
+        try:
+            solution = least_squares(
+                residuals, begun, slopes, method="lm", x_scale=1.0, xtol=1e-12, ftol=1e-12
+            )
+        except ValueError:
+            return begun, math.inf
+    return _by_frequency(solution.x), float(2.0 * solution.cost)
+
+
+def _concluded(frequency, impedance, parameters):
+    """The circuit with the noise of magnitude and phase as the residuals show it."""
+    noise: tuple[float, ...] = _EQUAL
+    for _ in range(WEIGHTINGS):
+        parameters, _ = _polished(frequency, impedance, parameters, noise)
+        off = -np.log(_branches(frequency, parameters).sum(axis=1) * impedance)
+        free = max(frequency.size - 0.5 * parameters.size, 1.0)
+        noise = tuple(
+            max(math.sqrt(float(np.sum(part**2)) / free), 1e-12) for part in (off.real, off.imag)
+        )
+    slopes = _slopes(frequency, parameters)
+    normal = np.zeros((parameters.size, parameters.size))
+    for columns, residuals, size in zip(
+        (slopes.real, slopes.imag), (off.real, off.imag), noise, strict=True
+    ):
+        normal += columns.T @ columns / (size**2 * correlation_factor(residuals))
+    scale = np.sqrt(np.diag(normal))
+    covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    return ButterworthVanDyke(parameters, covariance, noise)
+
+
+def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
+    """Raise IdentificationError if too few points lie over a resonance."""
+    branch = circuit.numbers(mode)
+    resonance = branch["series_resonance"]
+    width = resonance / branch["quality"]
+    inside = np.abs(frequency - resonance) <= 0.5 * width
+    # Where the series and the parallel resonance are farther apart than the width, all points
+    # between them count.
+    between = (frequency >= resonance) & (frequency <= branch["parallel_resonance"])
+    points = int(np.count_nonzero(inside | between))
+    if points < FEWEST_OVER_WIDTH:
+        raise IdentificationError(
+            f"{where}: too few points over the resonance at {resonance:.5g} Hz: {points} within "
+            f"its width of {width:.2g} Hz, and {FEWEST_OVER_WIDTH} are the fewest: measure it in "
+            f"steps of {0.2 * width:.2g} Hz or less"
+        )
+
 
 # A unit is taken to be wrong if the scene's capacitance differs from the measured one by this
 # factor.
@@ -43,8 +304,6 @@ WRONG_UNIT = 100.0
 # The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
 SURE_OF_LOSS = 3.0
 SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
-# Most secant steps of k1 to reach the wanted stiffness at rest.
-SECANTS = 30
 
 
 @dataclass(frozen=True)
@@ -58,10 +317,9 @@ class FromImpedance:
     measured : MeasuredImpedance
         The impedance, with the background of the other modes and of the loss.
     scene : Scene
-        The scene with the fitted values.
-    values : ndarray, shape (keys,)
-    covariance : ndarray, shape (keys, keys)
-        The mass being known.
+        The scene with the circuit's values, from which a fit begins.
+    keys : list of str
+        Keys of the values that an impedance alone determines, the mass being known.
     """
 
     circuit: ButterworthVanDyke
@@ -69,8 +327,6 @@ class FromImpedance:
     measured: MeasuredImpedance
     scene: Scene
     keys: list[str]
-    values: np.ndarray
-    covariance: np.ndarray
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
@@ -143,43 +399,27 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
-    stiffness = mass * (2.0 * math.pi * branch["series_resonance"]) ** 2
-    first, slope = _linear_term(scene, spring_key, stiffness)
-    keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
-    keys += ["piezo.leakage_resistance"] if leaks else []
-
-    def values(parameters: np.ndarray) -> np.ndarray:
-        branch = replace(circuit, parameters=parameters).numbers(mode)
-        rate = 2.0 * math.pi * branch["series_resonance"]
-        share = branch["coupling_factor"]
-        motional = branch["capacitance"] * share / (1.0 - share)
-        converted = [
-            first + slope * (mass * rate**2 - stiffness),
-            mass * rate / branch["quality"],
-            rate * math.sqrt(mass * motional),
-            branch["capacitance"],
-        ]
-        if leaks:
-            converted.append(1.0 / (rate * branch["capacitance"] * branch["loss_tangent"]))
-        return np.array(converted)
-
-    slopes = jacobian(values, circuit.parameters)
-    estimates = values(circuit.parameters)
-    fitted_scene = scene.replace(dict(zip(keys, map(float, estimates), strict=True)))
-    part = _own_admittance(fitted_scene, circuit, mode, measured.frequency)
-    measured = replace(measured, background=circuit.admittance(measured.frequency) - part)
-    covariance = slopes @ circuit.covariance @ slopes.T
-    return FromImpedance(circuit, mode, measured, fitted_scene, keys, estimates, covariance)
-
-
-def _own_admittance(scene, circuit, mode, frequency):
-    """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
-    branch = circuit.numbers(mode)
-    rate, ratio = 2j * math.pi * frequency, frequency / branch["series_resonance"]
-    motional = branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
-    leak = scene.transducer.leakage_resistance
-    admittance = rate * branch["capacitance"] + (1.0 / leak if leak else 0.0)
-    return admittance + rate * motional / (1.0 - ratio**2 + 1j * ratio / branch["quality"])
+    rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
+    clamped, stiffness = branch["capacitance"], mass * rate**2
+    begun = numbers(scene)[spring_key][0]
+    values = {
+        # Of a spring without constant and even terms this gives the stiffness at rest exactly.
+        spring_key: begun * stiffness / (mass * resting) if begun and resting > 0.0 else stiffness,
+        "oscillator.damping": mass * rate / branch["quality"],
+        "piezo.coupling": rate * math.sqrt(mass * clamped * share / (1.0 - share)),
+        "piezo.capacitance": clamped,
+    }
+    if leaks:
+        values["piezo.leakage_resistance"] = 1.0 / (rate * clamped * branch["loss_tangent"])
+    scene = scene.replace(values)
+    # What the scene has no part for: other modes, and the loss but for a leak.
+    branches = _branches(measured.frequency, circuit.parameters)
+    background = branches.sum(axis=1) - branches[:, 1 + mode]
+    background -= 2j * math.pi * measured.frequency * clamped
+    leakage = numbers(scene).get("piezo.leakage_resistance", (0.0,))[0]
+    background -= 1.0 / (leakage or math.inf)
+    measured = replace(measured, background=background)
+    return FromImpedance(circuit, mode, measured, scene, list(values))
 
 
 def _spring_key(scene):
@@ -192,34 +432,6 @@ def _spring_key(scene):
     )
 
 
-def _linear_term(scene, key, stiffness):
-    """(k1, ∂k1/∂stiffness) with which the device has this stiffness where it rests (N/m)."""
-    mass, begun = (numbers(scene)[name][0] for name in ("oscillator.mass", key))
-
-    def off(k1):
-        try:
-            system = prepared(scene.replace({key: float(k1)})).system
-        except SceneError:
-            return math.nan
-        return mass * float(system.spring.slope(timescales.rest(system))) / stiffness - 1.0
-
-    one = begun or stiffness
-    other = one / (1.0 + off(one)) if off(one) > -1.0 else stiffness
-    before, now = off(one), off(other)
-    for _ in range(SECANTS):
-        if abs(now) < 1e-12 or now == before:
-            break
-        one, other, before = other, other - now * (other - one) / (now - before), now
-        now = off(other)
-    if not abs(now) < 1e-9:
-        raise IdentificationError(
-            f"{scene.name}: no linear stiffness gives the device {stiffness:.4g} N/m where it "
-            "rests: begin from a scene whose spring is nearer to that"
-        )
-    step = 1e-5 * abs(other)
-    return other, 2.0 * step / (stiffness * (off(other + step) - off(other - step)))
-
-
 def _check_capacitance(scene, capacitance, where):
     """Refuse a capacitance that only a wrong unit explains."""
     ratio = capacitance / scene.transducer.capacitance
@@ -230,21 +442,3 @@ def _check_capacitance(scene, capacitance, where):
         f"{scene.transducer.capacitance:.3g} F, a factor of {ratio:.3g}: check the units (ohm or "
         "kohm, Hz or kHz), or correct the scene"
     )
-
-
-def fitted_impedance(found: FromImpedance) -> Fitted:
-    """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
-    aside, keys = found.measured.aside, found.keys
-    length = prepared(found.scene).scales.displacement
-    free = unknowns(found.scene, found.keys, {})
-    responses, validation = (
-        SteadyResponses([SteadyExperiment(found.measured.part(lines), found.scene)], keys, length)
-        for lines in (~aside, aside)
-    )
-    shooting = Shooting(responses, free, [np.zeros(3)])
-    edges = np.array([0, int(np.count_nonzero(~aside))])
-    noise = np.array(found.circuit.noise)
-    fit = ShootingFit(found.values, [edges], [NO_STATES], [noise])
-    shooting.linearized(fit)
-    stretch = predicted_lines(validation, found.values, 0)
-    return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])

@@ -10,73 +10,46 @@ Noise of the base's sensor drives the model, so the residuals that it causes are
 resonance and largest where the values have their effect. A single record shows their spectrum there
 by some ten independent lines, and a smoothed spectrum is too low. Hence the spectrum is simulated:
 white noise is added to the acceleration and sent through the model in the fit's own windows. Its
-size relative to the outputs' white noise is the one that explains the residuals (Whittle's
-likelihood).
+size is that of the record's own floor, within what the residuals' spectrum allows beside the
+outputs' white noise (Whittle's likelihood). Both noises are compared with the residuals after what
+windows' starts and values explain of them is removed: short windows absorb noise in the motion's
+band.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.proof import noise_floor
-from harvester.identification.response import Experiment
-from harvester.identification.window_states import without_states
+from harvester.identification.response import Experiment, SteadyExperiment
+from harvester.identification.shooting import without_states
+from harvester.identification.validation_record import HALF_INTERVAL, base_noise
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Half width of a normal variable's 95 % interval, in standard errors.
-HALF_INTERVAL = 1.96
 # Probability of an interval, and the most by which leaving out one record may move a value, in
 # sizes of the value.
 HELD, MOST_MOVED = 0.95, 10.0
-# A value with a larger relative standard error than this is undetermined.
-UNDETERMINED = 0.5
 # Eigenvalues below this share of the largest are rounding of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
-# A value belongs to an undetermined direction if its component exceeds this share of the largest
-# one.
-SHARE_OF_DIRECTION = 0.1
 # Number of blocks of a record; their sums of Jᵀ r are taken as independent.
 BLOCKS = 12
 # Number of segments that a residual's spectrum is averaged over.
 SEGMENTS = 12
 # Number of drawn noise records of each experiment: a variance from them is known to a third.
 DRAWS = 16
-# Largest and smallest noise that is drawn, as shares of the base's rms. A higher floor is motion up
-# to half the sampling rate; a record without noise still has a direction in which noise would act.
-MOST_BASE_NOISE, LEAST_BASE_NOISE = 0.05, 1e-6
+# Smallest noise that is drawn, as a share of the base's rms: a record without noise still has a
+# direction in which noise would act.
+LEAST_BASE_NOISE = 1e-6
 # Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
 WHITTLE_STEPS = 5
-
-
-@dataclass(frozen=True)
-class Undetermined:
-    """A direction in which the values can move without the data noticing.
-
-    Attributes
-    ----------
-    keys : tuple of str
-        Keys of the values that move together.
-    powers : tuple of float
-        The product of the values to these powers is what is determined; empty for a single value.
-    """
-
-    keys: tuple[str, ...]
-    powers: tuple[float, ...]
-
-    def __str__(self) -> str:
-        names = [key.rpartition(".")[2] for key in self.keys]
-        if not self.powers:
-            return f"{names[0]} is not determined"
-        factors = [
-            name if power == 1.0 else f"{name}^{power:.3g}"
-            for name, power in zip(names, self.powers, strict=True)
-        ]
-        return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
+# Standard errors by which residuals exclude the noise that the base's own record shows.
+SURE_OF_SHARE = 2.0
 
 
 def interval(value: float, standard_error: float) -> tuple[float, float]:
@@ -84,31 +57,108 @@ def interval(value: float, standard_error: float) -> tuple[float, float]:
     return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
 
 
-def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
-    """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
-    p = len(shooting.unknowns)
-    normal, meat, blocks, noise = (np.zeros((p, p)) for _ in range(4))
-    for number, edges in enumerate(fit.edges):
-        table, _ = shooting.jacobian(fit, number)
-        columns = without_states(table[..., :p], table[..., p : p + 3], edges - edges[0])
-        normal += np.einsum("noi,noj->ij", columns, columns)
-        free = table.shape[0] - 3 * (edges.size - 1) - p
-        fitted_away = table.shape[0] / max(free, 1)
-        meat += _meat(columns, table[..., -1]) * fitted_away
-        noise += covariance_of_scores(shooting, fit, number, table, columns) * fitted_away
-        scores = np.einsum("noi,no->ni", columns, table[..., -1])
-        sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        blocks += sums.T @ sums * BLOCKS / (BLOCKS - 1)
-    # A value without any effect gets the largest variance, not an infinite one.
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over all records of products of the Jacobian's columns, without the windows' starts.
+
+    Attributes
+    ----------
+    gradient : ndarray, shape (columns,)
+        Jᵀ r.
+    normal : ndarray, shape (columns, columns)
+        Jᵀ J.
+    meats : tuple of ndarray, shape (columns, columns)
+        Covariances of Jᵀ r: by the residuals' spectrum, by blocks, and by noise of the base.
+    """
+
+    gradient: np.ndarray
+    normal: np.ndarray
+    meats: tuple[np.ndarray, ...]
+
+    def of(self, columns: Sequence[int]) -> NormalEquations:
+        """The equations of some columns alone."""
+        pairs = np.ix_(columns, columns)
+        meats = tuple(meat[pairs] for meat in self.meats)
+        return NormalEquations(self.gradient[columns], self.normal[pairs], meats)
+
+    @property
+    def step(self) -> np.ndarray:
+        """Change of all columns' values that lowers the cost most, to first order."""
+        return -_inverse(self.normal + _ridge(self.normal)) @ self.gradient
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of all columns' values."""
+        ridge = _ridge(self.normal)
+        inverse = _inverse(self.normal + ridge)
+        meat, blocks, noise = self.meats
+        sandwich = inverse @ (meat + ridge) @ inverse
+        least = np.maximum(*(np.diag(inverse @ matrix @ inverse) for matrix in (blocks, noise)))
+        shares = np.sqrt(np.maximum(least / np.diag(sandwich), 1.0))
+        return sandwich * np.outer(shares, shares)
+
+
+def _ridge(normal):
+    """Matrix that gives a value without any effect a finite variance, the largest."""
     sizes = np.diag(normal).copy()
     sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
-    normal += SMALLEST_EIGENVALUE * np.diag(sizes)
-    meat += SMALLEST_EIGENVALUE * np.diag(sizes)
-    inverse = _inverse(normal)
-    sandwich = inverse @ meat @ inverse
-    least = np.maximum(*(np.diag(inverse @ matrix @ inverse) for matrix in (blocks, noise)))
-    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(sandwich), 1.0))
-    return sandwich * np.outer(shares, shares)
+    return SMALLEST_EIGENVALUE * np.diag(sizes)
+
+
+def normal_equations(
+    shooting: Shooting,
+    fit: ShootingFit,
+    further: Callable[[int, np.ndarray], np.ndarray] | None = None,
+) -> NormalEquations:
+    """Sums of a fit's Jacobian, in sizes of the unknowns.
+
+    Parameters
+    ----------
+    further : callable, optional
+        Function of an experiment's number and residuals that returns further columns, shape
+        (samples, outputs, more).
+    """
+    p, parts = len(shooting.unknowns), []
+    for number, edges in enumerate(fit.edges):
+        table, _ = shooting.jacobian(fit, number)
+        states, left = table[..., p : p + 3], table[..., -1]
+        effects = table[..., :p]
+        if further:
+            effects = np.concatenate([effects, further(number, left)], axis=-1)
+        parts.append((without_states(effects, states, edges - edges[0]), states, left))
+    normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
+    gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
+    inverse = _inverse(normal + _ridge(normal))
+    # Residuals that an error of a known value has caused are no noise.
+    step = -inverse @ gradient if further else 0.0 * gradient
+    meats = []
+    for number, (columns, states, left) in enumerate(parts):
+        left = left + columns @ step
+        if isinstance(shooting.responses.experiments[number], SteadyExperiment):
+            # Lines of a response or an impedance are few, and their residuals mostly white.
+            free = max(left.shape[0] - columns.shape[-1] / left.shape[1], 1.0)
+            sizes = [float(part @ part) / free * correlation_factor(part) for part in left.T]
+            meats.append((np.einsum("o,noi,noj->ij", sizes, columns, columns),) * 3)
+            continue
+        free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
+        scores = np.einsum("noi,no->ni", columns, left)
+        blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
+        noise = covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
+        fitted_away = left.shape[0] / max(free, 1)
+        meats.append(
+            (
+                _meat(columns, left) * fitted_away,
+                blocks.T @ blocks * BLOCKS / (BLOCKS - 1),
+                noise,
+            )
+        )
+    return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
+
+
+def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
+    """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
+    sizes = shooting.sizes
+    return normal_equations(shooting, fit).covariance * np.outer(sizes, sizes)
 
 
 def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.ndarray:
@@ -142,6 +192,22 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     moves -= moves.mean(axis=0)
     student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
     return student**2 * (records - 1) / records * moves.T @ moves
+
+
+def correlation_factor(residuals: np.ndarray) -> float:
+    """Factor by which correlated residuals count less than white ones, at least 1.
+
+    1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
+    """
+    n = residuals.size
+    values = residuals - residuals.mean()
+    total, square = 1.0, float(values @ values)
+    for lag in range(1, n // 4):
+        share = float(values[lag:] @ values[:-lag]) / square if square > 0.0 else 0.0
+        if share < 3.0 / math.sqrt(n):
+            break
+        total += 2.0 * share
+    return total
 
 
 def _meat(columns, residuals):
@@ -180,81 +246,54 @@ def _inverse(normal):
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
 
-def undetermined(
-    keys: list[str], values: np.ndarray, sizes: np.ndarray, covariance: np.ndarray
-) -> list[Undetermined]:
-    """Directions of relative values in which the standard error is too large.
-
-    Parameters
-    ----------
-    values, sizes : ndarray
-        Values and sizes of the unknowns; a value much smaller than its size counts in sizes.
-    """
-    units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)
-    relative = covariance / np.outer(units, units)
-    spread, directions = np.linalg.eigh(relative)
-    unclear = []
-    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
-        direction = directions[:, k]
-        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
-        members = members[np.argsort(-np.abs(direction[members]))]
-        names = tuple(keys[n] for n in members)
-        unclear.append(Undetermined(names, _determined_powers(relative, members)))
-    return unclear
-
-
-def _determined_powers(relative, members):
-    """Exponents of the product of the undetermined values that the records determine best."""
-    if members.size == 1:
-        return ()
-    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
-    best = directions[:, 0]
-    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
-
-
-def base_noise(acceleration: np.ndarray, rate: float) -> float:
-    """rms noise of the base's sensor, from the floor of its spectrum.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (n,)
-    rate : float
-        Hz.
-    """
-    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
-
-
 def covariance_of_scores(
-    shooting: Shooting, fit: ShootingFit, number: int, table: np.ndarray, columns: np.ndarray
+    shooting: Shooting,
+    fit: ShootingFit,
+    number: int,
+    states: np.ndarray,
+    left: np.ndarray,
+    columns: np.ndarray,
+    inverse: np.ndarray,
 ) -> np.ndarray:
-    """Covariance of one experiment's scores, shape (unknowns, unknowns), in the fit's weights.
+    """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
 
-    Zero of a frequency response or an impedance.
+    Zero without a base whose motion was recorded.
 
     Parameters
     ----------
-    table : ndarray, shape (samples, outputs, unknowns + 4)
-        [J_unknowns, J_states, r].
-    columns : ndarray, shape (samples, outputs, unknowns)
-        J_unknowns without what the windows' starts explain.
+    states : ndarray, shape (samples, outputs, 3)
+        Derivatives of the residuals by the windows' starts.
+    left : ndarray, shape (samples, outputs)
+        Residuals.
+    columns : ndarray, shape (samples, outputs, columns)
+        Derivatives by the values, without what the windows' starts explain.
+    inverse : ndarray, shape (columns, columns)
+        Inverse of the normal matrix of all experiments.
     """
-    p = columns.shape[-1]
     if not isinstance(shooting.responses.experiments[number], Experiment):
-        return np.zeros((p, p))
+        return np.zeros((columns.shape[-1], columns.shape[-1]))
+    random, (samples, outputs) = np.random.default_rng(0), left.shape
+    drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
+    drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
+    for output in range(outputs):
+        drawn[:, output, 1 + output] = random.standard_normal((samples, DRAWS))
     cuts = fit.edges[number] - fit.edges[number][0]
-    drawn = without_states(_drawn(shooting, fit, number), table[..., p : p + 3], cuts)
-    of_base, of_outputs = _sizes(table[..., -1], drawn)
+    drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    from_base = of_base / drawn.shape[-1] * scores @ scores.T
+    # The fit takes from noise what windows' starts and values explain.
+    drawn -= columns @ (inverse @ scores)
+    of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
+    of_draws = scores[:, :DRAWS]
+    from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
-def _drawn(shooting, fit, number):
+def _drawn_base(shooting, fit, number, random):
     """Weighted residuals from drawn noise of the base's sensor, shape (samples, outputs, draws)."""
     measurement = shooting.responses.experiments[number].measurement
     base, rate = measurement.acceleration, measurement.sampling_rate
     size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
-    noise = size * np.random.default_rng(0).standard_normal((base.size, DRAWS))
+    noise = size * random.standard_normal((base.size, DRAWS))
     residuals = shooting.responses.moved_by_noise(
         number, noise, fit.values, fit.edges[number], fit.starts[number]
     )
@@ -262,17 +301,22 @@ def _drawn(shooting, fit, number):
 
 
 def _sizes(left, drawn):
-    """Share of the drawn spectrum in the residuals', and each output's own mean square."""
+    """Share of the drawn base noise's power in the residuals, and each output's mean square.
+
+    The share is 1, the noise that the base's record shows, unless the residuals ask for more, or
+    exclude so much, by `SURE_OF_SHARE` standard errors.
+    """
     from scipy.optimize import nnls
 
-    samples, outputs = left.shape
-    seen = np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples
-    shape = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
-    white = np.kron(np.eye(outputs), np.ones((seen.shape[0], 1)))
-    parts = np.column_stack([shape.T.ravel(), white])
-    spectrum = seen.T.ravel()
-    explained = np.repeat(np.maximum(seen.mean(axis=0), 1e-300), seen.shape[0])
+    samples = left.shape[0]
+    spectrum = (np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples).T.ravel()
+    powers = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
+    parts = powers.swapaxes(0, 1).reshape(spectrum.size, -1)
+    explained = np.full(spectrum.size, np.maximum(spectrum.mean(), 1e-300))
     for _ in range(WHITTLE_STEPS):
-        sizes = nnls(parts / explained[:, None], spectrum / explained)[0]
+        weighted = parts / explained[:, None]
+        sizes = nnls(weighted, spectrum / explained)[0]
         explained = np.maximum(parts @ sizes, 1e-12 * explained.max())
-    return sizes[0], sizes[1:]
+    error = math.sqrt(max(_inverse(weighted.T @ weighted)[0, 0], 0.0)) if parts[:, 0].any() else 0.0
+    share = sizes[0] if sizes[0] - SURE_OF_SHARE * error > 1.0 else 1.0
+    return min(share, sizes[0] + SURE_OF_SHARE * error), sizes[1:]

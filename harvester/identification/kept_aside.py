@@ -1,47 +1,52 @@
-"""Whole records kept aside: a run from one start under the recorded acceleration beside each.
+"""Whole records kept aside: a run from one start under the recorded acceleration of each.
+
+A prediction is claimed within the ranges that the fitted records visited; beyond, a model
+extrapolates.
 
 The record is followed in windows first, which gives its initial state and shows which orbit was
 measured. From that start alone the device then runs under the whole recorded acceleration, with the
-values that fit and with others that are as likely. Those are drawn from the covariance, and the
-same runs of the fitted records do not refute them. A value that only this record shows, such as the
-tilt of its base, is found in its windows for each of the likely values.
+values that fit and with others that are as likely, drawn from the covariance. A value that only
+this record shows, such as the tilt of its base, is found in its windows for each of the likely
+values.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.base.formatting import with_error
-from harvester.device import timescales
-from harvester.identification.intervals import HALF_INTERVAL, HELD
+from harvester.device import contact, timescales
+from harvester.device.system import potential
+from harvester.identification.intervals import HELD
 from harvester.identification.own_values import own_values
-from harvester.identification.proof import blocks_of, predicted, sensor_noise
 from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
-from harvester.identification.visited import band
-from harvester.statistics.agreement import differ
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    Unexplained,
+    WholeRecord,
+    predicted,
+    root_mean_square,
+)
+from harvester.scene.numbers import numbers
 from harvester.statistics.attractors import repeats_in_noise
 from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
-    from harvester.identification.consistency import Misfit
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
-    from harvester.identification.visited import Visited
+    from harvester.identification.response import Responses
+    from harvester.identification.validation_record import ValidationRecord
 
-# Number of likely sets of values, beside the best.
-DRAWS = 8
-# Shares of the covariance's width that draws have in turn, and draws at each share. Of draws at the
-# whole width, the records of a measured bistable beam refuted 128 of 136.
-SHARES, TRIED = (1.0, 0.5, 0.25, 0.125, 0.0625), 40
+# Number of likely sets of values, beside the best, and most that are drawn for them.
+DRAWS, MOST_DRAWN = 8, 80
 # First share of a record that is left out: a run forgets its start in it.
 FORGOTTEN = 1.0 / 3.0
 # An orbit goes between the wells if more than this share of the windows crosses a barrier; one
@@ -53,101 +58,195 @@ SINE, SINE_LINES = 0.9, 3
 # multiple of what is left of the worst fitted record, or this share of its rms. Records of a
 # measured beam with another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
+# The visited frequencies lie between these shares of the base's cumulative power.
+BAND = (0.01, 0.99)
+# A place may lie outside the visited displacements by this share of their range.
+MARGIN = 0.02
 # A prediction is claimed while its run leaves the range of visited displacements, or the load that
 # of the loads, by at most this share, and the frequencies stay within this factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
+SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
 
 @dataclass(frozen=True)
-class Kept:
-    """One record kept aside.
+class Visited:
+    """Ranges that the records visited, in SI units or a scaled scene's.
 
     Attributes
     ----------
-    claimed : bool
-        Whether the model claims this record: one orbit for all likely values, within what the
-        fitted records visited.
-    why : str
-        Why not; empty where it does.
-    left : float
-        Of the first output in windows, beyond the sensor's noise, as a share of its standard
-        deviation.
-    follows : bool
-        Whether so little is left that the record may be of the fitted device.
-    agreement : float
-        Share of the likely values whose runs have the predicted orbit.
-    rms_unit : str
-        Unit of the first output; empty in a scaled scene.
-    quantity, unit : str
-        Quantity and unit of the powers.
-    measured_rms, predicted_rms, measured_power, predicted_power : Estimate
-        Estimates for the first output. They are predicted from one start alone, with the values'
-        error and that which runs and residuals of the fitted records show.
-    own : dict of str to Estimate
-        Values that were found in this record, with its residuals' error and that of the others.
+    displacement, velocity : tuple of (float, float)
+        Displacement and velocity of the mass: each record's least and greatest, as the model has
+        them.
+    frequency : (float, float)
+        Hz, of the base.
+    loads : tuple of float
+        Resistances (Ω).
+    extrapolated : tuple of str
+        Features of the device that lie outside, in words.
+    values : tuple of str
+        Keys of values that describe the spring about a place that no record visited.
+    si : bool
+        Whether the scene is in SI units.
     """
 
-    name: str
-    claimed: bool
-    why: str
-    measured_orbit: str
-    predicted_orbit: str
-    left: float
-    follows: bool
-    agreement: float
-    rms_unit: str
-    quantity: str
-    unit: str
-    measured_rms: Estimate
-    predicted_rms: Estimate
-    measured_power: Estimate
-    predicted_power: Estimate
-    own: dict[str, Estimate]
+    displacement: tuple[tuple[float, float], ...]
+    velocity: tuple[tuple[float, float], ...]
+    frequency: tuple[float, float]
+    loads: tuple[float, ...]
+    extrapolated: tuple[str, ...]
+    values: tuple[str, ...]
+    si: bool
 
     @property
-    def holds(self) -> bool:
-        """Whether what was measured lies within the prediction: the orbit, rms and power."""
+    def ranges(self) -> str:
+        """The visited ranges, in words."""
+        speed = max(abs(end) for interval in self.velocity for end in interval)
+        moved = " and ".join(
+            f"{self._length(low)} … {self._length(high)}"
+            for low, high in _joined(self.displacement)
+        )
+        low, high = self.frequency
+        loads = ", ".join(f"{load:.4g}" for load in self.loads)
         return (
-            self.measured_orbit == self.predicted_orbit
-            and _within(self.measured_rms, self.predicted_rms)
-            and _within(self.measured_power, self.predicted_power)
+            f"displacement {moved}{' mm' if self.si else ''}, velocity up to {speed:.3g}"
+            f"{' m/s' if self.si else ''}, frequency {low:.3g} … {high:.3g}"
+            f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
 
-    def __str__(self) -> str:
-        claim = "claimed" if self.claimed else f"not claimed ({self.why})"
-        outcome = "within its interval" if self.holds else "not as predicted"
-        measured, expected = (
-            f"{orbit}, rms {_text(rms, self.rms_unit)}, {self.quantity} {_text(power, self.unit)}"
-            for orbit, rms, power in (
-                (self.measured_orbit, self.measured_rms, self.measured_power),
-                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
-            )
-        )
-        values_of_record = self.own.items() if self.follows else ()
-        values = ", ".join(f"{key} = {_text(estimate, '')}" for key, estimate in values_of_record)
-        return (
-            f"{self.name}, kept aside: {claim}, {outcome}; measured {measured}; predicted "
-            f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
-            f"{f', with {values}, found in this record' if values else ''}"
-        )
+    def excludes(self, responses: Responses, x: np.ndarray) -> str:
+        """Why a run (scaled displacements) of the only record of `responses` lies outside these
+        ranges; empty if it lies within them."""
+        low = min(interval[0] for interval in self.displacement)
+        high = max(interval[1] for interval in self.displacement)
+        margin, x = BEYOND * (high - low), x * responses.length
+        if x.min() < low - margin or x.max() > high + margin:
+            return "the run leaves the visited displacements"
+        record = responses.experiments[0]
+        load = float(record.scene.load.resistance)
+        if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
+            return "its load was not visited"
+        slowest, fastest = band([record.measurement])
+        if slowest < self.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * self.frequency[1]:
+            return "its frequencies were not visited"
+        return ""
+
+    def _length(self, value):
+        return f"{1e3 * value if self.si else value:.3g}"
+
+
+def visited(fitted: Fitted) -> Visited | None:
+    """The ranges that a fit's records visited; None if there are only frequency responses."""
+    if fitted.settled is None:
+        return None
+    responses = fitted.shooting.responses
+    displacement: list[tuple[float, float]] = []
+    velocity: list[tuple[float, float]] = []
+    # Records in time come first; sweeps and impedances after them have only small motion.
+    experiments = responses.experiments[: len(fitted.settled.edges)]
+    for number in range(len(experiments)):
+        states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
+        for intervals, column in ((displacement, 0), (velocity, 1)):
+            values = np.concatenate([path[:, column] for path in states]) * responses.length
+            intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
+    system, scales = responses.known_device(0, fitted.values)
+    si = fitted.scene.units == "SI"
+    loads = {
+        float(numbers(experiment.scene)["load.resistance"][0])
+        for experiment in experiments
+        if "load.resistance" in numbers(experiment.scene)
+    }
+    ranges = tuple(displacement)
+    spring: tuple[str, ...] = ()
+    if not _inside(ranges, 0.0):
+        spring = tuple(k for k in fitted.keys if k.rpartition(".")[2].startswith(SPRING))
+    outside = _outside(system, scales.displacement, ranges, si, len(loads) > 1)
+    if spring:
+        names = ", ".join(key.rpartition(".")[2] for key in spring)
+        outside = (f"the spring about x = 0 ({names})", *outside)
+    return Visited(
+        displacement=ranges,
+        velocity=tuple(velocity),
+        frequency=band(experiment.measurement for experiment in experiments),
+        loads=tuple(sorted(loads)),
+        extrapolated=outside,
+        values=spring,
+        si=si,
+    )
+
+
+def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
+    """Frequencies between which the base has most of its power, of all records (Hz)."""
+    ends = []
+    for record in measurements:
+        values = record.acceleration - record.acceleration.mean()
+        power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
+        gathered = np.cumsum(power)
+        places = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
+        frequencies = np.fft.rfftfreq(values.size, 1.0 / record.sampling_rate)
+        ends.append(frequencies[np.minimum(places, frequencies.size - 1)])
+    return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
+
+
+def _outside(system, length, ranges, si, several_loads):
+    """Features of the device outside the visited displacements."""
+
+    def at(place):
+        return f"{1e3 * place:.3g} mm" if si else f"{place:.3g}"
+
+    parts = []
+    wells = [length * well for well in timescales.wells(system)]
+    for well in wells:
+        if not _inside(ranges, well):
+            parts.append(f"the {'other ' if len(wells) > 1 else ''}well at {at(well)}")
+    for saddle in timescales.saddles(system):
+        if not _inside(ranges, length * saddle):
+            height = float(potential(system, saddle) - potential(system, timescales.rest(system)))
+            energy = f" of {height * length**2:.3g} J/kg" if si else f" of {height:.3g}"
+            parts.append(f"the barrier at {at(length * saddle)}{energy}")
+    for edge in contact.edges(system.contacts):
+        if np.isfinite(edge) and edge and not _inside(ranges, length * edge):
+            parts.append(f"the stopper at {at(length * edge)}")
+    low = min(interval[0] for interval in ranges)
+    high = max(interval[1] for interval in ranges)
+    parts.append(f"the walls beyond {at(low)} and {at(high)}")
+    if not several_loads:
+        parts.append("other loads (coupling and capacitance are as right as the load's resistance)")
+    return tuple(parts)
+
+
+def _inside(ranges, place):
+    return any(
+        low - MARGIN * (high - low) <= place <= high + MARGIN * (high - low) for low, high in ranges
+    )
+
+
+def _joined(ranges):
+    """Ranges that overlap as one, ascending."""
+    merged: list[list[float]] = []
+    for low, high in sorted(ranges):
+        if merged and low <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], high)
+        else:
+            merged.append([low, high])
+    return merged
 
 
 def kept_aside(
     fitted: Fitted,
     measurements: Sequence[Measurement],
     visited: Visited,
-    misfits: Sequence[Misfit],
+    records: Sequence[ValidationRecord],
     seed: int,
     report: Callable[[float], object] = lambda share: None,
-) -> list[Kept]:
+) -> list[WholeRecord]:
     """A fit's predictions of records that were not fitted.
 
     Parameters
     ----------
     visited : Visited
         Ranges that the fitted records visited.
-    misfits : sequence of Misfit
-        Misfits of the fitted records.
+    records : sequence of ValidationRecord
+        What the fit leaves of its own records.
     seed : int
         Seed of the values that are drawn.
     report : callable, optional
@@ -155,70 +254,32 @@ def kept_aside(
     """
     if not measurements:
         return []
-    model_error = _model_error(fitted, misfits)
-    values = _likely(fitted, seed, model_error)
-    worst = max((misfit.systematic for misfit in misfits if not misfit.is_noise), default=0.0)
-    most = max(FOLLOWS * worst, FOLLOWS_SHARE)
+    # Frequency responses have no power of a run.
+    in_time = [record for record in records if record.long]
+    parts = [part for record in in_time for part in record.unexplained]
+    missed = [0.0 if part.is_noise else part.systematic for part in parts]
+    model_error, values = _model_error(in_time, missed), _likely(fitted, seed)
+    limit = max(FOLLOWS * max(missed), FOLLOWS_SHARE)
     predictions = []
     for number, record in enumerate(measurements):
         report(number / len(measurements))
-        predictions.append(_of_record(fitted, record, visited, values, model_error, most))
+        predictions.append(_of_record(fitted, record, visited, values, model_error, limit))
     return predictions
 
 
-def _likely(fitted, seed, model_error):
-    """Likely sets of values, the fitted one first: drawn, and not refuted by the fitted records.
-
-    Where the covariance is much wider than what those records allow, draws come ever nearer.
-    """
+def _likely(fitted, seed):
+    """Likely sets of values that are of a device, the fitted one first, the others drawn."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     spread, directions = np.linalg.eigh(fitted.covariance)
     root = directions * np.sqrt(np.maximum(spread, 0.0))
-    best_runs = _fitted_runs(fitted, fitted.values)
-    accepted: list[np.ndarray] = []
-    refuted: list[np.ndarray] = []
-    for share in np.repeat(SHARES, TRIED):
-        draw = fitted.values + share * root @ random.standard_normal(fitted.values.size)
-        draw = np.clip(draw, fitted.shooting.low, fitted.shooting.high)
-        runs = _fitted_runs(fitted, draw)
-        if runs is not None:
-            (accepted if _agree(runs, best_runs, model_error) else refuted).append(draw)
-        if len(accepted) == DRAWS:
-            break
-    return [fitted.values, *(accepted + refuted)[:DRAWS]]
+    draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
+    draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
+    responses = fitted.shooting.responses
+    possible = (draw for draw in draws if responses.device(0, draw) is not None)
+    return [fitted.values, *islice(possible, DRAWS)]
 
 
-def _fitted_runs(fitted, values):
-    """Orbit of each fitted record's run from one start, its rms, and that measured; or None.
-
-    Of the part that was kept aside, without its first share.
-    """
-    responses, runs = fitted.shooting.responses, []
-    for number, edges in enumerate(fitted.settled.edges):
-        equations = responses.device(number, values)
-        if equations is None:
-            return None
-        span, start = edges[[0, -1]], fitted.settled.starts[number][:1]
-        states, _, outputs = responses.states(number, values, span, start)
-        late = int(FORGOTTEN * len(outputs))
-        repeats = _repeats(responses.experiments[number].measurement)
-        saddles = np.array(timescales.saddles(equations[0]))
-        x = states[late:, 0]
-        orbit = _orbit(x, saddles, np.array([0, x.size]), repeats)
-        seen = fitted.shooting.seen(number, span)
-        runs.append((orbit, _root(outputs[late:]), _root(seen[late:])))
-    return runs
-
-
-def _agree(runs, own, model_error):
-    """Whether runs have the orbits of the best values, and the measured rms within its error."""
-    return all(
-        orbit == expected and _within(measured, _with_error(rms, [rms.estimate], 0.5 * model_error))
-        for (orbit, rms, measured), (expected, _, _) in zip(runs, own, strict=True)
-    )
-
-
-def _model_error(fitted, misfits):
+def _model_error(records, missed):
     """Relative standard error of the power that the fitted records show.
 
     Of their runs from one start; and of what follows from the motion in windows and is not in the
@@ -227,64 +288,59 @@ def _model_error(fitted, misfits):
     """
     from scipy.stats import t
 
-    # Frequency responses have no power of a run.
-    ratios = [
-        max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate
-        for stretch in fitted.stretches
-        if stretch.long
-    ]
-    off = np.array([math.log(ratio) for ratio in ratios])
-    missed = np.array([0.0 if misfit.is_noise else 2.0 * misfit.systematic for misfit in misfits])
-    error = math.sqrt(float(np.mean(off**2)) + float(np.mean(missed**2)))
-    return error * float(t.ppf(0.5 + 0.5 * HELD, off.size)) / HALF_INTERVAL
+    pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
+    off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
+    error = math.sqrt(np.mean(np.square(off)) + np.mean(np.square(2.0 * np.array(missed))))
+    return error * float(t.ppf(0.5 + 0.5 * HELD, len(off))) / HALF_INTERVAL
 
 
-def _of_record(fitted, measurement, visited, values, model_error, most):
-    """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
+def _of_record(fitted, measurement, visited, values, model_error, limit):
+    """Compare one record kept aside with its prediction."""
     shooting, noise = _shooting(fitted, measurement)
-    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
-    stretch, settled = _settled(shooting, values[0], noise, reach)
+    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, limit)
+    record, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
     followed = shooting.states(settled, 0)[:, 0]
     repeats = _repeats(measurement)
     late = int(FORGOTTEN * followed.size)
-    measured = _orbit(followed, saddles, edges, repeats)
     runs = [_run(shooting, draw, starts[:1], late) for draw in values]
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
-    late_stretch = replace(
-        stretch, measured=stretch.measured[late:], windowed=stretch.windowed[late:], free=runs[0][1]
-    )
-    quantity, unit = stretch.compared
-    why = _why_not(visited, responses, runs[0][0])
+    parts = []
+    for number, name in enumerate(record.outputs):
+        left, floor = record.nrmse(number), record.noise(number)
+        beyond = math.sqrt(max(left**2 - floor**2, 0.0))
+        parts.append(Unexplained(name, left, floor, beyond, math.nan, beyond <= limit))
+    outside = visited.excludes(responses, runs[0][0])
     if agreement < 1.0:
-        why = "likely values lead to different orbits"
-    left = math.sqrt(max(stretch.nrmse() ** 2 - sensor_noise(stretch) ** 2, 0.0))
-    if left > most:
+        outside = "likely values lead to different orbits"
+    if parts[0].beyond > limit:
         cause = "with the value found in it" if measurement.own else "another tilt, load or sensor"
-        why = f"{left:.0%} of it is left even in windows: {cause}"
-    return Kept(
-        name=measurement.name,
-        claimed=not why,
-        why=why,
-        measured_orbit=measured,
+        outside = f"{parts[0].beyond:.0%} of it is left even in windows: {cause}"
+    shown = {
+        "measured": record.measured[late:],
+        "windowed": record.windowed[late:],
+        "unexplained": tuple(parts),
+    }
+    late_record = replace(record, **shown, free=runs[0][1])
+    return WholeRecord(
+        **vars(late_record),
+        outside=outside,
+        limit=limit,
+        measured_orbit=_orbit(followed, saddles, edges, repeats),
         predicted_orbit=orbits[0],
-        left=left,
-        follows=left <= most,
         agreement=agreement,
         rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
-        quantity=quantity,
-        unit=unit,
-        measured_rms=_root(late_stretch.measured),
         predicted_rms=_with_error(
-            _root(runs[0][1]), [_root(outputs).estimate for _, outputs in runs], 0.5 * model_error
+            root_mean_square(runs[0][1]),
+            [root_mean_square(outputs).estimate for _, outputs in runs],
+            0.5 * model_error,
         ),
-        measured_power=late_stretch.powers()[0],
         predicted_power=_with_error(
-            late_stretch.free_power(),
-            [replace(late_stretch, free=outputs).free_power().estimate for _, outputs in runs],
+            late_record.free_power(),
+            [replace(late_record, free=outputs).free_power().estimate for _, outputs in runs],
             model_error,
         ),
         own={
@@ -296,7 +352,7 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
     )
 
 
-def _with_own(fitted, measurement, visited, values, noise, most):
+def _with_own(fitted, measurement, visited, values, noise, limit):
     """Likely values with those of the record's own, the latter alone, and where the mass may be."""
     ends = np.array(visited.displacement) / fitted.shooting.responses.length
     # A record may lie in the other well: starts are tried on both sides.
@@ -306,7 +362,7 @@ def _with_own(fitted, measurement, visited, values, noise, most):
     low, high = float(ends.min()), float(ends.max())
     interval = (low - BEYOND * (high - low), high + BEYOND * (high - low))
     local_values, errors, reach = own_values(
-        fitted, measurement, values, (-farthest, farthest), interval, noise, most
+        fitted, measurement, values, (-farthest, farthest), interval, noise, limit
     )
     # A key that the fit has too is the record's own here.
     indices = np.flatnonzero([key in measurement.own for key in fitted.keys])
@@ -326,8 +382,8 @@ def _settled(shooting, values, noise, reach):
     begun = ShootingFit(values, [], [], [noise])
 
     def found(ends):
-        (stretch,), settled = predicted(shooting, begun, span, ends)
-        return stretch, settled, float(np.mean((stretch.residuals / noise) ** 2))
+        (record,), settled = predicted(shooting, begun, span, ends)
+        return record, settled, float(np.mean((record.residuals / noise) ** 2))
 
     system, _ = shooting.responses.known_device(0, values)
     saddles = [saddle for saddle in timescales.saddles(system) if reach[0] < saddle < reach[1]]
@@ -335,8 +391,8 @@ def _settled(shooting, values, noise, reach):
     if saddles:
         wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
         best = min(wells, key=lambda solution: solution[-1])
-    stretch, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
-    return stretch, settled
+    record, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
+    return record, settled
 
 
 def _shooting(fitted, measurement):
@@ -394,32 +450,6 @@ def _orbit(x, saddles, edges, period):
     return f"in well {number + 1} from the left{repeats}"
 
 
-def _why_not(visited, responses, x):
-    """Why a record lies outside the fitted records' ranges; empty if it lies within them."""
-    low = min(interval[0] for interval in visited.displacement)
-    high = max(interval[1] for interval in visited.displacement)
-    margin = BEYOND * (high - low)
-    x = x * responses.length
-    if x.min() < low - margin or x.max() > high + margin:
-        return "the run leaves the visited displacements"
-    record = responses.experiments[0]
-    load = float(record.scene.load.resistance)
-    if not (1.0 - BEYOND) * min(visited.loads) <= load <= (1.0 + BEYOND) * max(visited.loads):
-        return "its load was not visited"
-    slowest, fastest = band([record.measurement])
-    if slowest < visited.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * visited.frequency[1]:
-        return "its frequencies were not visited"
-    return ""
-
-
-def _root(values):
-    """rms of the first output with the error of its blocks."""
-    squares = np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])])
-    rms = math.sqrt(float(np.mean(squares)))
-    error = float(np.std(squares, ddof=1)) / math.sqrt(squares.size) / (2.0 * rms) if rms else 0.0
-    return Estimate(rms, error, float(squares.size), "1")
-
-
 def _with_error(estimate, drawn, model_error):
     """An estimate with the errors of the values and of the model beside its own."""
     others = np.array(drawn) - drawn[0]
@@ -431,19 +461,7 @@ def _with_error(estimate, drawn, model_error):
     return replace(estimate, standard_error=error)
 
 
-def _within(measured, expected):
-    """Whether a measured value lies within its prediction's 95 % interval."""
-    error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
-    difference = measured.estimate - expected.estimate
-    return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
-
-
 def _unit(measurement):
     """Unit of the first output."""
     name = next(iter(measurement.outputs))
     return "V" if name == "velocity" and measurement.velocity_in_volts else OUTPUT_UNITS[name]
-
-
-def _text(each, unit):
-    """An estimate as text with half of its 95 % interval."""
-    return with_error(replace(each, standard_error=HALF_INTERVAL * each.standard_error), unit)

@@ -12,19 +12,122 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.device import timescales
-from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.identification.measurement import Measurement
     from harvester.identification.response import Responses
+    from harvester.scene.units import Scales
+
+# Frequencies below this share of the median frequency count as drift and are removed.
+SLOW_SHARE = 0.15
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Displacement, velocity and transducer's state at the samples, scaled, each shape (n,).
+
+    Attributes
+    ----------
+    measured : bool
+        Whether the displacement itself was measured.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    state: np.ndarray
+    measured: bool
+
+    def centred(self, place: float) -> Motion:
+        """The motion with its mean at a place; unchanged if the displacement itself was
+        measured."""
+        return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
+
+    def without_drift(self, measurement: Measurement) -> Motion:
+        """The motion with its slow drift removed by a high-pass."""
+        from scipy import signal
+
+        if self.measured:
+            return self
+        slow = SLOW_SHARE * frequencies(measurement)[0]
+        sections = signal.butter(2, slow, "highpass", fs=measurement.sampling_rate, output="sos")
+        return replace(self, x=signal.sosfiltfilt(sections, self.x))
+
+
+def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
+    """The motion that belongs to a record, computed with the scene's transducer.
+
+    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
+    x = ∫x' where the voltage follows the velocity at once.
+    """
+    rate, transducer = measurement.sampling_rate, system.transducer
+    outputs = measurement.outputs
+    smooth = _smoother(frequencies(measurement)[1], rate)
+    of_velocity = float(transducer.voltage(1.0, 0.0))
+    of_state = float(transducer.voltage(0.0, 1.0))
+    state = np.zeros(measurement.acceleration.size)
+    x: Any = None
+    v: Any = None
+    if "voltage" in outputs:
+        seen = outputs["voltage"] / scales.voltage
+        if of_state != 0.0:
+            state = seen / of_state
+            decay = transducer.decay_rate()
+            x = state + decay * _integral(state, rate)
+            v = smooth(state, 1) + decay * smooth(state, 0)
+        else:
+            v = smooth(seen / of_velocity, 0)
+            x = _integral(seen / of_velocity, rate)
+    if "displacement" in outputs:
+        seen = outputs["displacement"] / scales.displacement
+        x, v = smooth(seen, 0), smooth(seen, 1)
+    if "velocity" in outputs:
+        seen = outputs["velocity"] / scales.displacement
+        v = smooth(seen, 0)
+        x = x if "displacement" in outputs else _integral(seen, rate)
+    if "voltage" not in outputs and v is not None:
+        state = _driven_state(v, transducer.decay_rate(), rate)
+    return Motion(x, v, state, "displacement" in outputs)
+
+
+def _integral(values, rate):
+    from scipy.integrate import cumulative_trapezoid
+
+    return cumulative_trapezoid(values, dx=1.0 / rate, initial=0.0)
+
+
+def _smoother(frequency, rate):
+    """Values or slopes of a signal by local cubics over a fraction of the fastest period."""
+    from scipy import signal
+
+    width = max(5, 2 * round(0.25 * rate / frequency) + 1)
+
+    def smooth(values, order):
+        if width > values.size:
+            return np.gradient(values) * rate if order else values
+        return signal.savgol_filter(values, width, 3, deriv=order, delta=1.0 / rate)
+
+    return smooth
+
+
+def _driven_state(v, decay, rate):
+    """e of e' = v − λ e from rest."""
+    from scipy.signal import lfilter
+
+    share = np.exp(-decay / rate)
+    gain = (1.0 - share) / decay if decay > 0.0 else 1.0 / rate
+    return lfilter([0.5 * gain, 0.5 * gain], [1.0, -share], v)
+
 
 # Length of a test function in periods of the motion, and how many begin within one length.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
@@ -252,7 +355,7 @@ class _Regression:
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
-        moved = _shifted(self._force(found, s), shift)
+        moved = shifted(self._force(found, s), shift)
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
         if found.get("drive"):
@@ -317,7 +420,7 @@ class _Regression:
         force, rms = self._force(found, s), s * self.unit
         off = np.zeros(ORIGINS.size)
         for index, origin in enumerate(ORIGINS * rms):
-            moved = _shifted(force, origin)
+            moved = shifted(force, origin)
             off[index] = sum(
                 ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
             )
@@ -362,7 +465,7 @@ def _powers(oscillator):
     return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 
 
-def _shifted(coefficients, distance):
+def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     """Coefficients of F(x − distance) from those of F(x)."""
     moved = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-distance, 1.0]))
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]

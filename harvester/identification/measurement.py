@@ -30,6 +30,9 @@ FREE = "free"
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
 
+# The fastest frequency of the motion is the one with this share of the signal's power below it.
+FASTEST_SHARE = 0.98
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -248,3 +251,27 @@ def _number(where, key, value):
         return None if value is None else float(value)
     except ValueError:
         raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None
+
+
+def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, float]:
+    """Median frequency of the measured output, and its fastest (`FASTEST_SHARE`), in Hz."""
+    from scipy import signal
+
+    if isinstance(measurement, MeasuredResponse):
+        return measurement.resonance, float(measurement.frequency[-1])
+    rate = measurement.sampling_rate
+    medians, fastest = [], []
+    for values in measurement.outputs.values():
+        segment = min(values.size, max(256, values.size // 8))
+        f, density = signal.welch(values, rate, nperseg=segment, detrend="linear")
+        # The floor of white noise is subtracted: it is not motion.
+        density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
+        total = np.cumsum(density)
+        if total[-1] <= 0.0:
+            medians.append(0.1 * rate)
+            fastest.append(0.1 * rate)
+            continue
+        medians.append(float(f[np.searchsorted(total, 0.5 * total[-1])]))
+        fastest.append(float(f[np.searchsorted(total, FASTEST_SHARE * total[-1])]))
+    slowest = 1.0 / measurement.duration
+    return max(min(medians), slowest), max(*fastest, slowest)

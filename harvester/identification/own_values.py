@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.base.errors import IdentificationError
-from harvester.identification.fitted_model import fitted_sizes
+from harvester.identification.fitting import fitted_sizes
 from harvester.identification.intervals import covariance
 from harvester.identification.response import COARSE_STEPS, experiment
 from harvester.identification.search import COARSE, HOPELESS, ON_THE_WAY, followed, short_windows
-from harvester.identification.shooting import ShootingFit
+from harvester.identification.shooting import ShootingFit, placed, reach_of
 from harvester.identification.unknowns import unknowns, with_values
-from harvester.identification.window_states import placed, reach_of
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
 
 # First values, as shares of what counts as a change of order one, beside the scene's own.

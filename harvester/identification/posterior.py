@@ -18,7 +18,7 @@ from harvester.base.libraries import optional_library
 from harvester.base.serialising import plain
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.fitting import Fitted
 
 WALKERS_PER_VALUE = 4
 # Steps between two checks of convergence, and most steps; the first part of a chain is left out.

@@ -22,12 +22,18 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, IdentificationError
 from harvester.device import system as device
+from harvester.device import timescales
 from harvester.device.damper import QuadraticDamper
 from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
 from harvester.engines.monte_carlo.sampled import states_at_samples
 from harvester.excitation.conditioning import smoothed
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.measured_response import (
+    MeasuredImpedance,
+    MeasuredResponse,
+    impedance_outputs,
+)
+from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
@@ -46,6 +52,7 @@ from harvester.scene.units import Scales
 if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.system import System
+    from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -54,6 +61,10 @@ if TYPE_CHECKING:
 COARSE_STEPS, FINE_STEPS = 24, 80
 # Interpolations of the acceleration between samples: straight lines, or a spline.
 INTERPOLATIONS = ("linear", "smooth")
+# Secant steps for the displacement's amplitude.
+AMPLITUDE_STEPS = 12
+# Start of the one window of a response, whose samples have no states.
+NO_STATES = np.zeros((1, 3))
 
 
 @dataclass(frozen=True)
@@ -90,12 +101,24 @@ class Experiment:
         return cache[quantity, steps]
 
 
-def experiment(scene: Scene, measurement: Measurement, per_period: int = FINE_STEPS) -> Experiment:
+@dataclass(frozen=True)
+class SteadyExperiment:
+    """A measured response or impedance with its scene; its samples are frequencies."""
+
+    measurement: MeasuredResponse
+    scene: Scene
+
+
+def experiment(
+    scene: Scene, measurement: Measurement | MeasuredResponse, per_period: int = FINE_STEPS
+) -> Any:
     """Prepare a measurement for simulation with this many steps in the motion's fastest period."""
+    changed = scene.replace(measurement.changes)
+    if isinstance(measurement, MeasuredResponse):
+        return SteadyExperiment(measurement, changed)
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
     steps = max(2, math.ceil(per_period * frequencies(measurement)[1] / rate - 1e-9))
-    changed = scene.replace(measurement.changes)
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
 
@@ -206,6 +229,9 @@ class Responses:
             return None, None, None
         system, scales = equations
         record = self.experiments[number]
+        if isinstance(record, SteadyExperiment):
+            outputs = self._steady(system, scales, number, values)
+            return np.zeros((outputs.shape[0], 3)), starts, outputs
         eta = self.excitation(number, values)
         spacing = 1.0 / (record.measurement.sampling_rate * record.steps)
         states, ends = states_at_samples(system, eta, spacing, record.steps, edges, starts)
@@ -380,6 +406,84 @@ class Responses:
         ]
         return without_memory(simulated, seen, edges, *decays)
 
+    def _steady(self, system, scales, number, values):
+        """Outputs of a response or an impedance, shape (frequencies, outputs)."""
+        measurement = self.experiments[number].measurement
+        if isinstance(measurement, MeasuredImpedance):
+            return self._impedance(system, number, values)
+        response = self._gain_of_sensors(number, values)
+        response = response * self._response(system, scales, number, values)
+        if np.iscomplexobj(measurement.response):
+            return np.column_stack([response.real, response.imag])
+        return np.abs(response)[:, None]
+
+    def _impedance(self, system, number, values):
+        """ln |Z| and phase with the base clamped."""
+        experiment = self.experiments[number]
+        rate = 2j * math.pi * experiment.measurement.frequency
+        linear = float(system.spring.slope(timescales.rest(system)))
+        mechanical = linear + system.damper.damping * rate + rate**2
+        of_capacitance = system.transducer.own_rate + rate
+        of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
+        key = "piezo.capacitance"
+        capacitance = experiment.scene.transducer.capacitance
+        if key in self.keys:
+            capacitance = values[self.keys.index(key)]
+        admittance = capacitance * of_capacitance + experiment.measurement.background
+        outputs = impedance_outputs(1.0 / admittance)
+        return np.column_stack(list(outputs.values()))
+
+    def _response(self, system, scales, number, values):
+        """Complex voltage per base acceleration, before the sensors' effects."""
+        experiment = self.experiments[number]
+        measured = experiment.measurement
+        rate = 2j * math.pi * measured.frequency
+        transducer = system.transducer
+        # These three belong to a unit of displacement: the state, the force on the mass, the
+        # voltage.
+        state = rate / (rate + transducer.decay_rate())
+        force = transducer.force(rate, state)
+        volts = device.terminal_voltage(transducer, rate, state) * scales.voltage
+        # Stiffness where the device rests, and its slope over the squared amplitude.
+        stiffness, square, cube = system.spring.taylor(timescales.rest(system))
+        slope = 0.75 * cube - (5.0 / 6.0 * square**2 / stiffness if stiffness > 0.0 else 0.0)
+        drag = 8.0 / (3.0 * math.pi) * system.damper.quadratic_damping * np.abs(rate)
+
+        def impedance(amplitude):
+            damping = system.damper.damping + drag * amplitude
+            return rate**2 + damping * rate + stiffness + slope * amplitude**2 + force
+
+        share = transducer.base_rate(1.0)
+        factor = self.base_factor(number, values)
+        amplitude = np.zeros(rate.size)
+        if measured.acceleration is not None:
+            gain = self._sensor(number, values, "sensor.acceleration_scale")
+            drive = factor * measured.acceleration / gain / self.length
+            voltage = np.abs(measured.response) * measured.acceleration
+            amplitude = _amplitude(impedance, drive, voltage / np.abs(volts))
+        sign = -1.0 if experiment.scene.units == "SI" else 1.0
+        moved = impedance(amplitude)
+        # The base drives the state as X does, by the share of η; the part of the force that stems
+        # from it is subtracted.
+        driven = (1.0 + share * (moved - force)) / moved
+        return factor * sign * volts * driven / self.length
+
+    def _gain_of_sensors(self, number, values):
+        """The sensors' gain (complex) at each frequency."""
+        frequency = self.experiments[number].measurement.frequency
+        rate = 2j * math.pi * frequency
+
+        def effect(name):
+            return self._sensor(number, values, f"sensor.{name}")
+
+        gain = effect("voltage_scale") / effect("acceleration_scale")
+        gain = gain * np.exp(-rate * effect("voltage_delay"))
+        gain = gain / (1.0 + rate * effect("voltage_filter"))
+        for name, power in (("voltage", 1), ("acceleration", -1)):
+            first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
+            gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
+        return gain
+
 
 def _delayed(values, samples):
     """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
@@ -408,3 +512,16 @@ def _padded(spring: Spring) -> Spring:
         values, length = getattr(spring, name), size - (name == "even_slope")
         filled[name] = (*values, *([0.0] * (length - len(values))))
     return spring._replace(**filled)
+
+
+def _amplitude(impedance, drive, begun):
+    """a with |impedance(a)| a = drive, on the branch that is nearest to where it begins."""
+    amplitude = begun
+    for _ in range(AMPLITUDE_STEPS):
+        step = 1e-6 * amplitude
+        miss = np.abs(impedance(amplitude)) * amplitude - drive
+        beyond = np.abs(impedance(amplitude + step)) * (amplitude + step) - drive
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.nan_to_num(miss * step / (beyond - miss), posinf=0.0, neginf=0.0)
+        amplitude = np.clip(amplitude - change, 0.5 * amplitude, 2.0 * amplitude)
+    return amplitude

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.identification.linear_start import starts_from
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.window_states import placed, reach_of, repaired, states_of
+from harvester.identification.measurement import frequencies
+from harvester.identification.shooting import (
+    Shooting,
+    ShootingFit,
+    placed,
+    reach_of,
+    repaired,
+    states_of,
+)
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -38,12 +44,17 @@ HOPELESS = 1.25
 # Windows are joined while an error of the start grows at most by the first factor, and one that
 # arises within the window by the second.
 LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
+# Shares of the work at which all starts have been tried, and at which the windows are long.
+STARTS_SHARE, WINDOWS_SHARE = 0.4, 0.8
 # Samples in the shortest window, which must determine three states.
 FEWEST_SAMPLES = 12
 
 
 def searched(
-    responses: Responses, unknowns: Sequence[Unknown], lengths: Sequence[int]
+    responses: Responses,
+    unknowns: Sequence[Unknown],
+    lengths: Sequence[int],
+    follow: Callable[[float], object],
 ) -> tuple[Shooting, ShootingFit] | None:
     """The best fit; None where no start gives one.
 
@@ -51,17 +62,27 @@ def searched(
     ----------
     lengths : sequence of int
         Samples of each experiment, from its first, that are fitted to.
+    follow : callable
+        Function of the share done.
     """
     values = np.array([unknown.start for unknown in unknowns])
-    best = None
-    for start in starts_from(responses, values):
+    best, starts = None, starts_from(responses, values)
+    for number, start in enumerate(starts):
+        follow(STARTS_SHARE * number / len(starts))
         tried = _short(responses, unknowns, start, lengths)
         if tried and (best is None or tried[1].cost < best[1].cost):
             best = tried
     if best is None:
         return None
     shooting, fit = best
-    fit = followed(shooting, fit)
+    most = np.array(lengths)
+
+    def follow_windows(longest: np.ndarray) -> None:
+        # Windows double in length, to the record's at most.
+        done = 1.0 - float(np.max(np.log2(most / longest) / np.log2(most)))
+        follow(STARTS_SHARE + (WINDOWS_SHARE - STARTS_SHARE) * done)
+
+    fit = followed(shooting, fit, follow=follow_windows)
     return (shooting, fit) if fit.grams else None
 
 
@@ -87,7 +108,12 @@ def _short(responses, unknowns, start, lengths):
     return (shooting, fit) if fit.grams else None
 
 
-def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> ShootingFit:
+def followed(
+    shooting: Shooting,
+    fit: ShootingFit,
+    rival: float = np.inf,
+    follow: Callable[[np.ndarray], object] = lambda longest: None,
+) -> ShootingFit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
@@ -98,12 +124,15 @@ def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> Sho
         A fit with short windows, linearized.
     rival : float
         Cost of a model beside it.
+    follow : callable, optional
+        Function of the samples of each experiment's longest window.
     """
     fit = mended(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
     # The loop goes on while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
+        follow(_longest(fit))
         short = opened(shooting, fit)
         # Linearized in the windows' starts alone.
         shooting.frozen().linearized(short)
@@ -253,17 +282,24 @@ def _kept(transitions, growth, edges, most):
     """
     first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):
-        sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
+        sizes = _norms(totals) * growth[window]
         small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
         if not small or edges[window + 1] - edges[first_windows[-1]] > most:
             first_windows.append(window)
             totals = transitions[window : window + 1]
         else:
             totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
-            grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
+            grows = _norms(totals) > 1.0
             grows[0] = True
             totals = totals[grows]
     return np.array(first_windows)
+
+
+def _norms(matrices):
+    """Spectral norms of some matrices; infinite where an entry is not finite."""
+    norms, finite = np.full(len(matrices), np.inf), np.isfinite(matrices).all(axis=(1, 2))
+    norms[finite] = np.linalg.norm(matrices[finite], 2, axis=(1, 2))
+    return norms
 
 
 def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:

@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared

@@ -1,27 +1,84 @@
-"""One sentence on whether a fitted model can be trusted."""
+"""Whether a fitted model can be trusted: its validation records and its rivals decide.
+
+The first line that applies gives the verdict; `RULES` has them in this order.
+
+| condition | verdict | advice |
+| --- | --- | --- |
+| no record shows a motion that the model explains beyond chance | nothing | measure again |
+| a rival is better by three standard errors, and leaves only noise | wrong | take the rival |
+| more than noise is left of a record, in size or by regression | incomplete | find the part |
+| the records need a further term of the spring | incomplete | free it |
+| the records need another gain, mass or load | incomplete | calibrate, or free it |
+| a claimed record kept aside is not as predicted | incomplete | find the part |
+| a record kept aside cannot be followed even in windows | incomplete | free its own value |
+| a further term of the spring would leave its values uncertain | fits | larger motions |
+| none of these | predicts | use it within what was visited |
+
+"What is left" is what a record's prediction leaves of the data that no fit used. It is noise if its
+size is at most `TOO_LARGE` times what a right model leaves, and its regression on the motion has
+found nothing (`validation_record`). Records are judged one by one: none excuses another.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
-from harvester.base.formatting import share_with_error
-from harvester.identification.candidates import SURE, Candidate, proposed, rivals
-from harvester.identification.consistency import Misfit, worst
-from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.proof import ResponseStretch, Whiteness, sensor_noise
+from harvester.base.formatting import share_with_error, with_error
+from harvester.identification.rivals import NextPower, Rival, proposed, undecided
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    ImpedanceRecord,
+    ValidationRecord,
+    WholeRecord,
+)
 
 if TYPE_CHECKING:
-    from harvester.identification.fitted_model import Fitted
-    from harvester.identification.kept_aside import Kept
-    from harvester.identification.spring_shape import SpringShape
-    from harvester.identification.visited import Visited
+    from harvester.identification.identifiability import Assumption
+    from harvester.identification.kept_aside import Visited
 
-# Fitted states of each window: displacement, velocity and the transducer's state.
-FITTED_STATES = 3
-# An output is no record of a motion if its sensor's noise has more than this share of its rms.
-MOSTLY_NOISE = 0.9
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict is given on.
+
+    Attributes
+    ----------
+    records : sequence of ValidationRecord
+        Of the fitted measurements, with what is left of them.
+    rivals : sequence of Rival
+        The scene's own model first.
+    spring : NextPower or None
+        The model beside one with the spring's next power.
+    errors : dict of str to float
+        Relative standard error of each fitted value.
+    assumptions : sequence of Assumption
+        Gains and values that are taken as known, and what an error of them would do.
+    whole : sequence of WholeRecord
+        Records of which nothing was fitted.
+    visited : Visited or None
+        Ranges that the records visited.
+    """
+
+    records: Sequence[ValidationRecord]
+    rivals: Sequence[Rival] = ()
+    spring: NextPower | None = None
+    errors: Mapping[str, float] = field(default_factory=dict)
+    assumptions: Sequence[Assumption] = ()
+    whole: Sequence[WholeRecord] = ()
+    visited: Visited | None = None
+
+    @property
+    def left(self) -> str:
+        """Text: what is left of the worst record, and what noise would leave."""
+        part = self.worst.worst
+        return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
+
+    @property
+    def worst(self) -> ValidationRecord:
+        """The record of which most is left beyond noise: one that is not explained first."""
+        return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
 
 
 @dataclass(frozen=True)
@@ -33,10 +90,15 @@ class FitVerdict:
     word : str
         "predicts"; "fits" where the records do not tell the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
+    sentence : str
+        The verdict, what it covers and its main caveat: at most 25 words.
+    advice : str
+        What to do.
     """
 
     word: str
     sentence: str
+    advice: str
 
     @property
     def good(self) -> bool:
@@ -44,234 +106,244 @@ class FitVerdict:
         return self.word == "predicts"
 
 
-def verdict(
-    base: Fitted,
-    found: Sequence[Candidate],
-    whiteness: Whiteness,
-    misfits: Sequence[Misfit] = (),
-    visited: Visited | None = None,
-    kept: Sequence[Kept] = (),
-    shape: SpringShape | None = None,
-) -> FitVerdict:
-    """Judge a model by what it predicts of the data kept aside: its worst record and channel.
-
-    Parameters
-    ----------
-    found : sequence of Candidate
-        The scene's own first.
-    whiteness : Whiteness
-        Whiteness of the residuals of the first record kept aside.
-    misfits : sequence of Misfit
-        Misfits of each output of each record; none of frequency responses.
-    visited : Visited, optional
-        Ranges that the records visited.
-    kept : sequence of Kept
-        Records kept aside as a whole.
-    shape : SpringShape, optional
-        The spring beside one with the next power.
-    """
-    if all(_is_noise(stretch, whiteness) for stretch in base.stretches):
-        return FitVerdict("nothing", _nothing(base))
-    claim, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
-    if best.is_better:
-        return FitVerdict(
-            "wrong",
-            f"the model is wrong: {claim}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
-            f"proposed instead{_freed(best, base)}{_rivals(found, base)}{claims}",
-        )
-    fault = _fault(base, whiteness, misfits, kept, shape)
-    if fault is not None:
-        others = ", and none of the other models that were tried does better" if found[1:] else ""
-        return FitVerdict(
-            "incomplete", f"the model is wrong or incomplete: {claim}{fault}{others}{claims}"
-        )
-    simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
-    if shape and shape.undetermined_coefficients:
-        return FitVerdict(
-            "fits",
-            f"the model fits, and the records do not tell its spring from others: {claim}"
-            f"{_power(base)}{_untold(shape)}{claims}{_where(visited)}{simpler}",
-        )
-    return FitVerdict(
-        "predicts", f"the model predicts {claim}{_power(base)}{claims}{_where(visited)}{simpler}"
+def verdict(evidence: Evidence) -> FitVerdict:
+    """The first of `RULES` whose condition holds."""
+    rule, reason = next(
+        (rule, reason) for rule in RULES if (reason := rule.condition(evidence)) is not None
     )
+    opening = OPENINGS[rule.word].format(left=evidence.left)
+    return FitVerdict(rule.word, f"{opening}; {reason}" if reason else opening, rule.advice)
 
 
-def impedance_verdict(base: Fitted) -> FitVerdict:
-    """Verdict of a fit to an impedance alone, which covers only small motion."""
-    claim = (
-        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
-        f"{base.sensor_noise:.2%} is the analyser's noise)"
-    )
-    if not base.adequate:
-        return FitVerdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
-            "its loss",
-        )
-    return FitVerdict(
-        "predicts",
-        f"the model predicts {claim}; that is small motion about the place where it rests, the "
-        "base clamped: it does not cover large motion, stoppers and the response to acceleration",
-    )
+class Rule(NamedTuple):
+    """One line of the table above; the condition gives its reason in words, or None."""
+
+    condition: Callable[[Evidence], str | None]
+    word: str
+    advice: str
 
 
-def _nothing(base):
-    """A sentence that says that the records hold no motion to judge by."""
-    stretch = base.stretches[0]
-    cause = (
-        f"and what was measured is noise (about {base.sensor_noise:.2%} of it); measure with a "
-        "stronger excitation, and check"
-    )
-    if isinstance(stretch, ResponseStretch) and stretch.smooth:
-        cause = (
-            "and what was measured is smooth and no noise; check the voltage's polarity "
-            "(sensor.voltage_scale=-1 behind the file), the units of the phase, and"
-        )
-    return (
-        f"nothing to judge: the model explains {stretch.quantity} no better than chance "
-        f"({base.nrmse:.2%} NRMSE on the data kept aside), {cause} that the columns belong together"
-    )
-
-
-def _untold(shape):
-    """Text: how wide the intervals of the spring's values are if it has one more power."""
-    values = " and ".join(
-        f"{key.rpartition('.')[2]} to ± {half:.0%}"
-        for key, half in shape.undetermined_coefficients.items()
-    )
-    return (
-        f"; with a term of power {shape.power} too, which they do not exclude, they tell {values} "
-        "(95 %), and at other levels it may move otherwise: measure larger motions too, or noise"
-    )
-
-
-def _fault(base, whiteness, misfits, kept, shape):
-    """The objection to the best model, in words; None if there is none."""
-    wrong = worst(misfits)
-    if wrong:
-        return (
-            f": {wrong.systematic:.2%} of the {wrong.output} of {wrong.record} follow from its "
-            "motion and are no noise, so that values may be off by more than their intervals"
-        )
-    if shape and shape.is_refuted:
-        return (
-            f": the records ask for a term of power {shape.power} of the spring "
-            f"({abs(shape.significance):.1f} standard errors), which moves its values by up to "
-            f"{max(shape.moves.values()):.0%}"
-        )
-    refuted = [record for record in kept if record.claimed and not record.holds]
-    if refuted:
-        return f": {refuted[0].name} is not as predicted"
-    others = [record for record in kept if not record.follows]
-    if others:
-        return (
-            f": {others[0].left:.0%} of the record {others[0].name}, kept aside, is left even in "
-            f"windows: {_cause(others[0])}"
-        )
-    if base.adequate or (whiteness.white and base.stretches[0].long):
+def _nothing(evidence):
+    if any(record.shows_motion for record in evidence.records):
         return None
-    return ""
+    return f"about {evidence.records[0].noise():.0%} of what was measured is noise"
 
 
-def _cause(kept):
-    """Why a record kept aside may not be followed, in words."""
-    if kept.own:
-        return f"also with {', '.join(kept.own)} found in it, something else is another"
-    return (
-        "another tilt, load or sensor; what is unknown of a record alone is freed behind its file, "
-        "such as oscillator.restoring_force[0]=free"
-    )
+def _better_rival(evidence):
+    if not evidence.rivals or not (best := proposed(evidence.rivals)).is_better:
+        return None
+    others = ", or another," if undecided(evidence.rivals) else ""
+    return f"{best.name}{others} leaves {best.fitted.nrmse:.2%} and is proposed"
 
 
-def _freed(best, base):
-    """Text: the sensors' values that another model frees in addition."""
-    values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
-    sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
-    return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
-
-
-def _rivals(found, base):
-    """Text: other models that fit the records as well as the proposed one."""
-    names = [f"{rival.name}{_freed(rival, base)}" for rival in rivals(found)]
-    if not names:
+def _unexplained(evidence):
+    if evidence.worst.is_explained:
+        return None
+    if not evidence.rivals[1:]:
         return ""
-    return f"; the records do not tell it from {' nor from '.join(names)}"
+    return "no rival model explains the rest"
 
 
-def _claims(kept):
-    """Text: how many kept-aside records a prediction is claimed for, and how many of those
-    agree."""
-    if not kept:
-        return ""
-    claimed = [record for record in kept if record.claimed]
-    if not claimed:
-        return f"; of the records kept aside ({len(kept)}) it claims none"
-    held = sum(record.holds for record in claimed)
-    widths = [
-        HALF_INTERVAL * (record.predicted_rms.standard_error or 0.0) / record.predicted_rms.estimate
-        for record in claimed
+def _needed_power(evidence):
+    if evidence.spring is None or not evidence.spring.is_needed:
+        return None
+    return f"the records ask for a spring of power {evidence.spring.power}"
+
+
+def _needed_assumption(evidence):
+    needed = [known for known in evidence.assumptions if _is_needed(evidence, known)]
+    if not needed:
+        return None
+    strongest = max(needed, key=lambda known: abs(known.significance))
+    return f"the records ask for {1.0 + strongest.change:.3g} times the {strongest.key}"
+
+
+def _is_needed(evidence, known):
+    """Whether the records tell what is taken as known, need another value, and it moves others."""
+    moved = [
+        abs(move * known.change) > HALF_INTERVAL * evidence.errors[key]
+        for key, move in known.moves.items()
     ]
-    low, high = (f"{100.0 * width:.2g}" for width in (min(widths), max(widths)))
-    return (
-        f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "
-        f"within their intervals, of ± {low if low == high else f'{low} to {high}'} % of the rms"
-    )
+    return known.error < TOLD and abs(known.significance) > CERTAIN and any(moved)
 
 
-def _where(visited):
-    """Text: the ranges that the records visited, and what the model extrapolates."""
-    if visited is None:
-        return ""
-    return (
-        f"; that holds for what the records visited ({visited.ranges}); extrapolated are "
-        f"{', '.join(visited.extrapolated)}"
-    )
+def _not_as_predicted(evidence):
+    refuted = [record.name for record in evidence.whole if record.claimed and not record.holds]
+    return f"{refuted[0]} is not as predicted" if refuted else None
 
 
-def _said(base, misfits, whiteness):
-    """Text: residual (NRMSE) of the worst record and channel, then of the other channels'
-    worst records."""
-    if not misfits:
-        return (
-            f"{base.stretches[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "
-            f"{base.sensor_noise:.2%} is the sensor's noise), residuals "
-            f"{'white' if whiteness.white else 'correlated'}"
+def _not_followed(evidence):
+    others = [record for record in evidence.whole if not record.follows]
+    if not others:
+        return None
+    return f"{others[0].left:.0%} of {others[0].name}, kept aside, is left even in windows"
+
+
+def _uncertain_spring(evidence):
+    if evidence.spring is None or not evidence.spring.uncertain:
+        return None
+    key, half = max(evidence.spring.uncertain.items(), key=lambda item: item[1])
+    return f"the records do not tell its spring from others: {_name(key)} {_share(half)}"
+
+
+def _caveat(evidence):
+    """Text: the main caveat of a model that predicts."""
+    if evidence.whole:
+        claimed = sum(record.claimed for record in evidence.whole)
+        held = ", and hold" if claimed else ""
+        return f"{claimed} of {len(evidence.whole)} records kept aside are claimed{held}"
+    if all(isinstance(record, ImpedanceRecord) for record in evidence.records):
+        return "that is small motion with the base clamped"
+    if evidence.visited is None:
+        return "that is small motion"
+    open_values = [key for key, known in dependent(evidence).items() if any(map(_is_gain, known))]
+    if open_values:
+        return f"{len(open_values)} values are only as right as the sensors' gains"
+    return "that holds within the visited range"
+
+
+RULES = (
+    Rule(
+        _nothing,
+        "nothing",
+        "measure with a stronger excitation; check that the columns belong together, the voltage's "
+        "polarity (sensor.voltage_scale=-1 behind the file) and the units of a phase",
+    ),
+    Rule(_better_rival, "wrong", "look at the proposed scene, where the rival is written"),
+    Rule(_unexplained, "incomplete", "look for a part or a sensor that the scene lacks"),
+    Rule(_needed_power, "incomplete", "give the spring one more power"),
+    Rule(_needed_assumption, "incomplete", "calibrate it, or free it (--free)"),
+    Rule(_not_as_predicted, "incomplete", "look for a part or a sensor that the scene lacks"),
+    Rule(
+        _not_followed,
+        "incomplete",
+        "it has another tilt, load or sensor: what is unknown of a record alone is freed behind "
+        "its file, such as oscillator.restoring_force[0]=free",
+    ),
+    Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
+    Rule(_caveat, "predicts", "use it for what the records visited"),
+)
+OPENINGS = {
+    "nothing": "nothing to judge: the model explains no more than chance",
+    "wrong": "the model is wrong: it predicts {left}",
+    "incomplete": "the model is wrong or incomplete: it predicts {left}",
+    "fits": "the model fits {left}",
+    "predicts": "the model predicts {left}",
+}
+# A fitted value depends on a known one whose error, as far as the records leave it open, moves it
+# by more than this share of its own: below, an error that is not yet `CERTAIN` moves it by two of
+# its own.
+DEPENDS = 0.5
+# Records tell a known value if its relative standard error, were it free, is below this: a right
+# set whose gain is open by 88 % asked for five of its standard errors, which is no change to first
+# order.
+TOLD = 0.1
+# Standard errors from which on records need another known value. There are several known values,
+# and noise of the base's sensor biases them: a right set had 3.0 for its mass.
+CERTAIN = 4.0
+
+
+def dependent(evidence: Evidence) -> dict[str, list[str]]:
+    """Gains and other known values that each fitted value is only as right as, by its key."""
+    mixed: dict[str, list[str]] = {}
+    for known in evidence.assumptions:
+        for key, move in known.moves.items():
+            if not abs(move) * known.error <= DEPENDS * evidence.errors[key]:
+                mixed.setdefault(key, []).append(_shown(evidence, known))
+    return mixed
+
+
+def _shown(evidence, known):
+    """Name of a known value, with its records if it is not that of all."""
+    if len(known.records) == len(evidence.records):
+        return known.key
+    return f"{known.key} of {', '.join(known.records)}"
+
+
+def findings(evidence: Evidence) -> list[str]:
+    """What supports the verdict: one sentence for each record, assumption and rival."""
+    lines = []
+    if evidence.visited:
+        lines.append(f"visited: {evidence.visited.ranges}")
+        lines.append(f"extrapolated: {', '.join(evidence.visited.extrapolated)}")
+    for record in evidence.records:
+        lines += [_left(record, part) for part in record.unexplained]
+        lines.append(_power(record))
+    mixed = {name for names in dependent(evidence).values() for name in names}
+    lines += [str(known) for known in evidence.assumptions if _shown(evidence, known) in mixed]
+    spring = evidence.spring
+    if spring and spring.is_needed:
+        lines.append(
+            f"a term of power {spring.power} of the spring, which the records need by "
+            f"{abs(spring.significance):.1f} standard errors, moves its values by up to "
+            f"{max(spring.moves.values()):.0%}"
         )
-    channels = [
-        max((misfit for misfit in misfits if misfit.output == name), key=_beyond)
-        for name in dict.fromkeys(misfit.output for misfit in misfits)
-    ]
-    first, *others = sorted(channels, key=_beyond, reverse=True)
-    several = len({misfit.record for misfit in misfits}) > 1
-    source = f" of {first.record}, the worst of the records" if several else ""
-    also = "".join(f", {other.output} to {other.left:.2%} ({other.noise:.2%})" for other in others)
-    return (
-        f"{first.output} to {first.left:.2%} NRMSE on the data kept aside{source} (about "
-        f"{first.noise:.2%} is the sensors' noise){also}"
+    if spring:
+        lines += [
+            f"with a term of power {spring.power} too, which the records do not exclude, they tell "
+            f"{_name(key)} to {_share(half)} (95 %)"
+            for key, half in spring.uncertain.items()
+        ]
+    lines += map(str, evidence.whole)
+    if claimed := [record for record in evidence.whole if record.claimed]:
+        held = sum(record.holds for record in claimed)
+        rms = [record.predicted_rms for record in claimed]
+        widths = [HALF_INTERVAL * (one.standard_error or 0.0) / one.estimate for one in rms]
+        lines.append(
+            f"it claims {len(claimed)} of {len(evidence.whole)} records kept aside, and {held} of "
+            f"those lie within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"
+        )
+    return lines + _rival_lines(evidence.rivals)
+
+
+def _rival_lines(rivals):
+    """What each rival leaves; those that were not tried by their reason."""
+    best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
+    lines: list[str] = []
+    untried: dict[str, list[str]] = {}
+    for rival in rivals[1:]:
+        if rival.fitted is None:
+            untried.setdefault(rival.remark, []).append(rival.name)
+            continue
+        end = "only noise" if rival.explains else "more than noise"
+        if rival is best:
+            end = "proposed"
+        elif rival in equal:
+            end = "as good as the proposed one"
+        lines.append(
+            f"rival {rival.name}: {len(rival.fitted.keys)} values, leaves {rival.fitted.nrmse:.2%}"
+            f" NRMSE, {end}"
+        )
+    return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
+
+
+def _is_gain(key):
+    return key.startswith("sensor.")
+
+
+def _left(record, part):
+    text = f"{record.name}, {record.aside}: {part.output} NRMSE {part.left:.2%}, {part.noise:.2%} "
+    followed = f"; {part.systematic:.2%} follow from the motion" if record.long else ""
+    return f"{text}is noise{followed}{'' if part.is_noise else ': more than noise'}"
+
+
+def _power(record):
+    """Text: predicted against measured power of one record."""
+    measured, predicted, difference = record.powers()
+    name, unit = record.compared
+    text = (
+        f"{record.name}: {name} measured {with_error(measured, unit)}, predicted "
+        f"{with_error(predicted, unit)}, difference {share_with_error(difference)}"
     )
+    if record.windows > 1:
+        text += f"; from one start alone {with_error(record.free_power(), unit)}"
+    return text
 
 
-def _beyond(misfit):
-    """Error beyond the noise, then the whole error: the order in which records are ranked."""
-    return max(misfit.left**2 - misfit.noise**2, 0.0), misfit.left
+def _share(half):
+    """Text: half of a relative interval."""
+    return f"± {half:.0%}" if half < 1.0 else "not at all"
 
 
-def _is_noise(stretch, whiteness):
-    """Whether a stretch holds only noise, of which nothing is explained.
-
-    The starts of the windows are fitted to the stretch: of white noise, each of their states
-    explains as much as one sample has.
-    """
-    explained = stretch.explained()
-    chance = FITTED_STATES * stretch.windows / len(stretch.measured)
-    if explained.estimate > chance + SURE * explained.standard_error:
-        return False
-    return sensor_noise(stretch) >= MOSTLY_NOISE or (stretch.long and whiteness.white)
-
-
-def _power(base):
-    """Predicted against measured power, in words, of the record with the largest difference."""
-    powers = [(stretch, stretch.powers()[2]) for stretch in base.stretches]
-    stretch, difference = max(powers, key=lambda pair: abs(pair[1].estimate))
-    return f", and the {stretch.compared[0]} to {share_with_error(difference)}"
+def _name(key):
+    return key.rpartition(".")[2]

@@ -10,5 +10,5 @@ A file becomes even samples in five steps:
 
 The callers say which quantities they need: the excitation by a record (`excitation.recorded`), the
 records, responses and impedances of `identify` (`identification.measurement`,
-`identification.measured_impedance`), and files of points (`scene.force_file`).
+`identification.measured_response`), and files of points (`scene.force_file`).
 """

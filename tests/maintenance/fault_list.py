@@ -606,7 +606,7 @@ FAULTS = [
     ),
     Fault(
         "identification: an interval is one standard error wide on either side",
-        INTERVALS,
+        "harvester/identification/validation_record.py",
         "HALF_INTERVAL = 1.96",
         "HALF_INTERVAL = 1.0",
         OF_INTERVALS,
@@ -619,11 +619,32 @@ FAULTS = [
         OF_INTERVALS,
     ),
     Fault(
+        "identification: windows absorb nothing of the drawn noise",
+        INTERVALS,
+        "drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)",
+        "drawn = drawn.reshape(samples, outputs, -1)",
+        OF_INTERVALS,
+    ),
+    Fault(
         "identification: starts of windows are taken for known",
-        "harvester/identification/window_states.py",
+        "harvester/identification/shooting.py",
         "(block - explained)",
         "(block - 0.0 * explained)",
         OF_INTERVALS,
+    ),
+    Fault(
+        "identification: a rival that leaves more than noise is proposed",
+        "harvester/identification/rivals.py",
+        "if model.is_better and model.explains]",
+        "if model.is_better]",
+        ("harvester/identification/test_verdict.py",),
+    ),
+    Fault(
+        "identification: one explained record excuses the others",
+        "harvester/identification/verdict.py",
+        "not record.is_explained, record.worst.beyond",
+        "record.is_explained, record.worst.beyond",
+        ("harvester/identification/test_verdict.py",),
     ),
     Fault(
         "command line: what a command ends with is lost",

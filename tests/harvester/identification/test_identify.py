@@ -68,10 +68,25 @@ def test_an_asymmetric_device_is_found_with_narrow_intervals_and_good_prediction
         assert half[key] < (0.15 if "damping" in key else 0.05) * abs(value)
     assert found.verdict.good
     assert found.fitted.nrmse < 0.03
-    measured_power, predicted, difference = found.fitted.stretches[0].powers()
+    measured_power, predicted, difference = found.fitted.records[0].powers()
     assert abs(difference.estimate) < 0.03
     assert predicted.estimate == pytest.approx(measured_power.estimate, rel=0.03)
     assert found.proposed.name == "as given"
+
+
+@pytest.mark.slow
+def test_a_fit_says_how_far_it_is_and_its_share_never_falls():
+    truth, heard = asymmetric(), []
+    identify(
+        truth,
+        record(truth, 11, samples=1500),
+        compare=False,
+        progress=lambda share, words: heard.append((share, words)),
+    )
+    shares = [share for share, _ in heard]
+    assert shares == sorted(shares)
+    # Each start of the search and each length of the windows is one report.
+    assert len({share for share, words in heard if words == "fit"}) > 5
 
 
 @pytest.mark.exhaustive
@@ -92,7 +107,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     found = identify(start, record(truth, 11, samples=2000))
     assert found.verdict.word == "wrong"
     assert found.proposed.name == "asymmetric spring"
-    assert not found.whiteness.white
+    assert not found.records[0].whiteness().white
     assert found.proposed.fitted.nrmse < 0.5 * found.fitted.nrmse
 
 
@@ -153,7 +168,7 @@ def test_records_at_two_loads_tell_mass_and_leave_the_scene_alone():
     start = off(truth, ["piezo.coupling", "piezo.capacitance"], rng(4))
     found = identify(start, [near, far], compare=False)
     agree(found, truth)
-    assert len(found.fitted.stretches) == 2
+    assert len(found.fitted.records) == 2
     assert found.scene.load.resistance == truth.load.resistance
 
 
@@ -195,6 +210,8 @@ def test_what_a_record_does_not_tell_is_named_with_what_it_does():
     ]
     found = identify(truth, made, free=[*keys, "piezo.capacitance"], compare=False)
     assert found.undetermined >= set(keys[:3])
+    printed = {row[0]: row[1] for row in found.table().rows}
+    assert {printed[key] for key in found.undetermined} == {"undetermined"}
     assert any("·" in line and "not determined apart" in line for line in found.sentences())
 
 

@@ -8,11 +8,14 @@ from measured_records import band_noise, linear_device, linear_record, scene_of,
 
 from harvester.base.errors import HarvesterError, IdentificationError, SceneError
 from harvester.cli.command_line import main
-from harvester.identification.butterworth_van_dyke import fitted_circuit
+from harvester.identification.fitting import fitted
 from harvester.identification.identify import identify
-from harvester.identification.impedance_fit import from_impedance
-from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
-from harvester.identification.measured_response import MeasuredResponse
+from harvester.identification.impedance_fit import fitted_circuit, from_impedance
+from harvester.identification.measured_response import (
+    MeasuredImpedance,
+    MeasuredResponse,
+    read_impedance,
+)
 from harvester.identification.measurement import Measurement
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
@@ -209,15 +212,16 @@ def test_intervals_hold_the_truth_in_93_to_97_of_100_draws(lines):
     held_of_scene = np.zeros(len(wanted))
     for _ in range(draws):
         found = from_impedance(begun, MeasuredImpedance(frequency, noisy(rng, true)))
-        table = found.table()
+        table = found.parameters()
         held += [
             table[name]["interval"][0] <= value <= table[name]["interval"][1]
             for name, value in TRUE.items()
         ]
         for name, share in off.items():
             share.append(table[name]["value"] / TRUE[name] - 1.0)
-        half = 1.96 * np.sqrt(np.diag(found.covariance))[: len(wanted)]
-        held_of_scene += np.abs(found.values[: len(wanted)] - wanted) < half
+        model = fitted(found.scene, [found.measured], found.keys, {})
+        half = 1.96 * model.standard_errors[: len(wanted)]
+        held_of_scene += np.abs(model.values[: len(wanted)] - wanted) < half
     for name, share in ALLOWED.items():
         assert np.abs(off[name]).max() < share, name
     for count in (*held, *held_of_scene):

@@ -1,7 +1,6 @@
 """Identification from measured frequency responses, against closed forms written out here."""
 
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import read_measurement
-from harvester.identification.proof import ResponseStretch
-from harvester.identification.verdict import _nothing
 from harvester.scene.numbers import numbers
 
 MASS, DAMPING, RESISTANCE = 0.01, 0.05, 3e5
@@ -192,17 +189,3 @@ def test_a_conjugated_response_is_told_by_its_rising_phase(turned):
     phases = np.exp(2j * np.pi * rng.random(FREQUENCY.size))
     MeasuredResponse(FREQUENCY, np.abs(seen) * phases).check()
     MeasuredResponse(FREQUENCY, np.abs(seen)).check()
-
-
-def test_an_unexplained_response_is_noise_only_if_it_is_rough():
-    """A model that predicts nothing, of an inverted response and of one with phases by chance."""
-    seen = -response(np.random.default_rng(9))
-    rough = seen * np.exp(2j * np.pi * np.random.default_rng(10).random(FREQUENCY.size))
-    for values, words in ((seen, "smooth and no noise; check the voltage's"), (rough, "noise")):
-        parts = np.column_stack([values.real, values.imag])
-        stretch = ResponseStretch(
-            name="sweep.csv", outputs=("real part", "imaginary part"), rate=3.0, measured=parts,
-            windowed=0.0 * parts, free=0.0 * parts, windows=1, resistance=None, frequency=FREQUENCY,
-        )  # fmt: skip
-        base = SimpleNamespace(stretches=[stretch], nrmse=1.0, sensor_noise=1.0)
-        assert f"what was measured is {words}" in _nothing(base)

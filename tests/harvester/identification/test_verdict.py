@@ -1,83 +1,177 @@
-"""What is said of a model by what it leaves of records that are made up here."""
+"""What is said of a model by its validation records and its rivals, which are made up here."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from harvester.identification.proof import (
-    ResponseStretch,
-    ValidationStretch,
-    sensor_noise,
-    whiteness,
+from harvester.identification.identifiability import Assumption
+from harvester.identification.rivals import NextPower, Rival, proposed
+from harvester.identification.validation_record import (
+    ImpedanceRecord,
+    ResponseRecord,
+    Unexplained,
+    ValidationRecord,
+    WholeRecord,
 )
-from harvester.identification.spring_shape import SpringShape
-from harvester.identification.verdict import verdict
+from harvester.identification.verdict import Evidence, dependent, verdict
+from harvester.statistics.estimate import Estimate
 
 RATE, SAMPLES = 100.0, 4000
 TIME = np.arange(SAMPLES) / RATE
 MOTION = np.sin(2.0 * np.pi * 5.0 * TIME)
 NOISE = np.random.default_rng(1).standard_normal(SAMPLES)
+KEY = "oscillator.restoring_force[3]"
 
 
-def judged(measured, predicted, kind=ValidationStretch, shape=None, **more):
-    """The verdict on one stretch, of a scene's own model alone."""
-    columns = [each[:, None] if each.ndim == 1 else each for each in (measured, predicted)]
-    stretch = kind("made.csv", ("voltage",), RATE, *columns, columns[1], 10, None, **more)
-    noise, left = sensor_noise(stretch), stretch.nrmse()
-    base = SimpleNamespace(
-        stretches=[stretch],
-        nrmse=left,
-        sensor_noise=noise,
-        adequate=left**2 - min(noise, 0.5) ** 2 <= 0.05**2,
-    )
-    own = SimpleNamespace(
-        name="as given", better=0.0, error=0.0, is_better=False, is_as_good=True,
-        fitted=SimpleNamespace(keys=[]),
+def in_time(measured, predicted, is_noise=True, name="made.csv", kind=ValidationRecord, **more):
+    """A record of a voltage, and whether what is left of it is noise."""
+    columns = [values[:, None] for values in (measured, predicted)]
+    left = float(np.std(measured - predicted) / np.std(measured))
+    part = Unexplained("voltage", left, left if is_noise else 0.1 * left, 0.0, 1.0, is_noise)
+    return kind(
+        name=name, outputs=("voltage",), rate=RATE, measured=columns[0], windowed=columns[1],
+        free=columns[1], windows=10, resistance=None, motion=5.0, unexplained=(part,), **more,
     )  # fmt: skip
-    return verdict(base, [own], whiteness(stretch, 0, 0.2), shape=shape)
+
+
+def response(measured, predicted, kind=ResponseRecord):
+    frequency = np.linspace(1.0, 40.0, len(measured))
+    return kind(
+        name="lines.csv", outputs=("real", "imaginary"), rate=5.0, measured=measured,
+        windowed=predicted, free=predicted, windows=1, resistance=None, motion=20.0,
+        frequency=frequency,
+    ).judged()  # fmt: skip
+
+
+def rival(name, better, explains, keys=2, nrmse=0.01):
+    model = SimpleNamespace(keys=["a"] * keys, nrmse=nrmse)
+    return Rival(name, model, better, 0.01, explains)
+
+
+GOOD = in_time(MOTION + 0.01 * NOISE, MOTION)
+BAD = in_time(MOTION + 0.01 * NOISE, -0.5 * MOTION, is_noise=False)
 
 
 @pytest.mark.parametrize("predicted", [0.0 * NOISE, 0.05 * NOISE[::-1], 1e-3 * MOTION])
 def test_white_noise_is_nothing_to_judge_by(predicted):
-    found = judged(NOISE, predicted)
-    assert found.word == "nothing"
-    assert not found.good
-    assert found.sentence.startswith("nothing to judge: the model explains voltage no better")
+    given = verdict(Evidence([in_time(NOISE, predicted)]))
+    assert given.word == "nothing"
+    assert not given.good
+    assert given.sentence.startswith("nothing to judge: the model explains no more than chance")
 
 
 def test_a_response_of_noise_is_nothing_to_judge_by():
     measured = NOISE[:400].reshape(200, 2)
-    frequency = np.linspace(1.0, 40.0, 200)
-    found = judged(measured, 0.0 * measured, ResponseStretch, frequency=frequency)
-    assert found.word == "nothing"
+    assert verdict(Evidence([response(measured, 0.0 * measured)])).word == "nothing"
 
 
 def test_a_motion_within_noise_is_still_predicted():
     """A share of 2 % of the variance, which is far beyond chance."""
-    found = judged(NOISE + 0.2 * MOTION, 0.2 * MOTION)
-    assert found.word == "predicts"
+    record = in_time(NOISE + 0.2 * MOTION, 0.2 * MOTION)
+    assert verdict(Evidence([record])).word == "predicts"
 
 
 def test_a_model_that_misses_a_clear_motion_is_wrong():
-    found = judged(MOTION + 0.01 * NOISE, -0.5 * MOTION)
-    assert found.word == "incomplete"
+    assert verdict(Evidence([BAD])).word == "incomplete"
+    assert verdict(Evidence([GOOD, BAD])).word == "incomplete"
+
+
+def test_white_residuals_of_one_record_excuse_no_other():
+    """An impedance of which 20 % are left beside a record in time that leaves white noise."""
+    assert GOOD.whiteness().white
+    lines = np.column_stack([np.linspace(6.0, 4.0, 90), np.linspace(-1.5, -1.0, 90)])
+    missed = 0.5 * np.exp(-(((np.arange(90) - 45) / 4.0) ** 2))[:, None]
+    impedance = response(lines, lines + missed, ImpedanceRecord)
+    assert verdict(Evidence([GOOD, impedance])).word == "incomplete"
+    exact = response(lines, lines + 1e-3 * NOISE[:180].reshape(90, 2), ImpedanceRecord)
+    assert verdict(Evidence([GOOD, exact])).word == "predicts"
+
+
+def test_a_rival_is_proposed_only_if_it_leaves_noise():
+    own = rival("as given", 0.0, explains=False, nrmse=0.04)
+    near = rival("delay", -1.0, explains=False)
+    given = verdict(Evidence([BAD], [own, near]))
+    assert given.word == "incomplete"
+    assert "proposed" not in given.sentence
+    given = verdict(Evidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
+    assert given.word == "wrong"
+    assert given.sentence.endswith("drag leaves 1.00% and is proposed")
+    # A rival with as many values that is hardly better is not proposed in place of the scene's own.
+    assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
+    untried = Rival("drag", None, remark="not tried: its values did not move")
+    assert verdict(Evidence([BAD], [own, untried])).word == "incomplete"
 
 
 @pytest.mark.parametrize(
-    ("significance", "move", "half", "word", "said"),
+    ("significance", "move", "half", "word", "words"),
     [
-        (0.3, 0.1, 0.38, "fits", "with a term of power 5 too, which they do not exclude, they tell "
-         "restoring_force[3] to ± 38%"),
-        (4.2, 0.16, 0.05, "incomplete", "ask for a term of power 5 of the spring (4.2 standard"),
+        (0.3, 0.1, 0.38, "fits", "do not tell its spring from others: restoring_force[3] ± 38%"),
+        (4.2, 0.16, 0.05, "incomplete", "the records ask for a spring of power 5"),
         # A term that moves nothing that would be noticed is none.
         (4.2, 0.01, 0.05, "predicts", "the model predicts"),
         (0.3, 0.01, 0.05, "predicts", "the model predicts"),
     ],
 )  # fmt: skip
-def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half, word, said):
-    key = "oscillator.restoring_force[3]"
-    shape = SpringShape(5, significance, {key: move}, {key: half})
-    found = judged(MOTION + 0.01 * NOISE, MOTION, shape=shape)
-    assert found.word == word
-    assert said in found.sentence
+def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half, word, words):
+    spring = NextPower(5, significance, {KEY: move}, {KEY: half})
+    given = verdict(Evidence([GOOD], spring=spring))
+    assert given.word == word
+    assert words in given.sentence
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "word", "depends"),
+    [
+        # 5 ± 1 % more gain moves the value by ten of its standard errors.
+        (0.05, 0.01, "incomplete", True),
+        # The records do not tell the gain.
+        (0.05, 10.0, "predicts", True),
+        # They tell it, and it is right.
+        (1e-4, 1e-4, "predicts", False),
+    ],
+)
+def test_a_value_is_only_as_right_as_a_gain_that_no_record_tells(change, error, word, depends):
+    gain = Assumption("sensor.voltage_scale", ("made.csv",), change, error, {KEY: 2.0})
+    evidence = Evidence([GOOD], errors={KEY: 0.01}, assumptions=[gain])
+    assert verdict(evidence).word == word
+    assert dependent(evidence) == ({KEY: ["sensor.voltage_scale"]} if depends else {})
+
+
+def test_records_kept_aside_refute_what_they_were_claimed_for():
+    def whole(rms, outside="", limit=1.0):
+        power = Estimate(rms**2, 1e-3, 1.0, "1")
+        return in_time(
+            MOTION + 0.01 * NOISE, MOTION, kind=WholeRecord, outside=outside, limit=limit,
+            measured_orbit="in the well", predicted_orbit="in the well", agreement=1.0,
+            rms_unit="V", predicted_rms=Estimate(rms, 1e-3, 1.0, "1"), predicted_power=power,
+            own={},
+        )  # fmt: skip
+
+    right = 0.5**0.5
+    assert verdict(Evidence([GOOD], whole=[whole(right)])).word == "predicts"
+    assert verdict(Evidence([GOOD], whole=[whole(0.9)])).word == "incomplete"
+    assert verdict(Evidence([GOOD], whole=[whole(0.9, "its load was not visited")])).good
+    assert not verdict(Evidence([GOOD], whole=[whole(right, limit=-1.0)])).good
+
+
+def test_the_first_line_has_at_most_25_words():
+    spring = NextPower(5, 0.3, {KEY: 0.1}, {KEY: 0.38})
+    needed = NextPower(5, 4.2, {KEY: 0.16}, {KEY: 0.05})
+    gain = Assumption("sensor.voltage_scale", ("made.csv",), 0.05, 10.0, {KEY: 2.0})
+    own = rival("as given", 0.0, explains=False)
+    models = [
+        own,
+        rival("drag", -2.0, explains=True),
+        rival("delay between the channels", -2.0, True),
+    ]
+    cases = [
+        Evidence([in_time(NOISE, 0.0 * NOISE)]),
+        Evidence([GOOD, BAD], models),
+        Evidence([GOOD, BAD], [own, Rival("drag", None)]),
+        Evidence([GOOD, GOOD], spring=spring),
+        Evidence([GOOD, GOOD], spring=needed),
+        Evidence([GOOD, GOOD], errors={KEY: 0.01}, assumptions=[gain]),
+    ]
+    for evidence in cases:
+        assert len(verdict(evidence).sentence.split()) <= 25, verdict(evidence).sentence

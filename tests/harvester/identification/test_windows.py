@@ -45,6 +45,10 @@ def test_a_window_ends_where_an_error_of_its_start_has_grown():
     assert joined_at([8.0] * WINDOWS) is None
 
 
+def test_a_window_whose_motion_diverges_is_joined_to_none():
+    assert joined_at([1.0] * 4 + [np.nan] + [1.0] * 4) == [0, 4, 5, 9]
+
+
 def test_an_error_that_arises_within_a_window_limits_it_as_well():
     # The start is forgotten by 1e-4; an error from between grows by 9⁴, or by 5⁴.
     assert joined_at([0.1] * 4 + [9.0] * 4 + [0.1]) == [0, 7, 8, 9]

@@ -1,0 +1,213 @@
+"""What the data do not determine: among the fitted values, and of the values taken as known.
+
+A null direction of the Jacobian, its columns relative to the values, is a combination of values
+that the data leave open. A sensor's gain, a load's resistance and the mass are taken as known. The
+column of such a value, added to those of the fitted ones, shows whether its error would leave a
+trace in the residuals, and which fitted values would take the error over. One error at a time is
+examined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.identification.intervals import HALF_INTERVAL, normal_equations
+from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.unknowns import Unknown
+
+# A value with a larger relative standard error than this is undetermined.
+UNDETERMINED = 0.5
+# A value belongs to an undetermined direction if its component exceeds this share of the largest
+# one.
+SHARE_OF_DIRECTION = 0.1
+# The data show an error of a known value if its relative standard error, were the value fitted too,
+# is below this: an error of 3 % is then three standard errors.
+SEPARABLE = 0.01
+# A fitted value depends on a known one if a relative change of 1 moves it by more than this share.
+DEPENDENT = 0.05
+# Relative change of a known value for the difference quotients.
+CHANGE = 1e-5
+MASS, LOAD = "oscillator.mass", "load.resistance"
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A direction in which the values can move without the data noticing.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Keys of the values that move together.
+    powers : tuple of float
+        The product of the values to these powers is what is determined; empty for a single value.
+    """
+
+    keys: tuple[str, ...]
+    powers: tuple[float, ...]
+
+    def __str__(self) -> str:
+        names = [key.rpartition(".")[2] for key in self.keys]
+        if not self.powers:
+            return f"{names[0]} is not determined"
+        factors = [
+            name if power == 1.0 else f"{name}^{power:.3g}"
+            for name, power in zip(names, self.powers, strict=True)
+        ]
+        return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A value that the fit takes as known, and what an error of it would do.
+
+    Attributes
+    ----------
+    key : str
+        `sensor.voltage_scale`, `load.resistance`, `oscillator.mass`, …
+    records : tuple of str
+        Names of the records that have this value.
+    change : float
+        Relative change of it that the data ask for, to first order, the fitted values following.
+    error : float
+        Standard error of the change.
+    moves : dict of str to float
+        d ln(fitted value) / d ln(this value), by the fitted values' keys.
+    """
+
+    key: str
+    records: tuple[str, ...]
+    change: float
+    error: float
+    moves: dict[str, float]
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether the data would show an error of this value."""
+        return self.error < SEPARABLE
+
+    @property
+    def significance(self) -> float:
+        """The change in standard errors."""
+        return self.change / self.error
+
+    @property
+    def dependent(self) -> dict[str, float]:
+        """Fitted values that take over a share of an error of this value, with their moves."""
+        return {key: move for key, move in self.moves.items() if abs(move) > DEPENDENT}
+
+    def __str__(self) -> str:
+        moved = ", ".join(
+            f"{key.rpartition('.')[2]} by {move:+.2g} %" for key, move in self.dependent.items()
+        )
+        change = f"by these data it is {self.change:+.2%} ± {HALF_INTERVAL * self.error:.2%} off"
+        if not self.is_separable:
+            change = "these data do not show its error"
+        return f"{self.key} is taken as known: 1 % more of it moves {moved or 'no value'}; {change}"
+
+
+def undetermined(
+    unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
+) -> list[Undetermined]:
+    """Directions of relative values in which the standard error is too large."""
+    keys, units = [unknown.key for unknown in unknowns], _units(unknowns, values)
+    relative = covariance / np.outer(units, units)
+    spread, directions = np.linalg.eigh(relative)
+    unclear = []
+    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
+        direction = directions[:, k]
+        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
+        members = members[np.argsort(-np.abs(direction[members]))]
+        names = tuple(keys[n] for n in members)
+        unclear.append(Undetermined(names, _determined_powers(relative, members)))
+    return unclear
+
+
+def _determined_powers(relative, members):
+    """Exponents of the product of the undetermined values that the records determine best."""
+    if members.size == 1:
+        return ()
+    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
+    best = directions[:, 0]
+    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
+
+
+def _units(unknowns, values):
+    """Units of relative values: the value, or its size where it is much smaller and may be 0."""
+    sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
+    return np.where((np.abs(values) > 1e-3 * sizes) | (low > 0.0), np.abs(values), sizes)
+
+
+def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
+    """Values taken as known, of which an error would move the fitted values.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    suspected : sequence of str, optional
+        Keys; by default all sensors' gains, the loads' resistances and the mass.
+    """
+    shooting, fit = fitted.shooting, fitted.fit
+    responses, unknowns = shooting.responses, shooting.unknowns
+    changed = _changed(responses, suspected)
+    if not changed:
+        return []
+
+    def further(number: int, left: np.ndarray) -> np.ndarray:
+        columns = np.zeros((*left.shape, len(changed)))
+        for index, experiments in enumerate(changed.values()):
+            if number in experiments:
+                others = [*responses.experiments]
+                others[number] = experiments[number]
+                problem = shooting.beside(responses.replaced(others, responses.keys), unknowns)
+                moved, _ = problem.residuals_of(fit, number)
+                if moved is not None:
+                    columns[..., index] = (moved - left) / CHANGE
+        return columns
+
+    equations = normal_equations(shooting, fit, further)
+    p, units = len(unknowns), _units(unknowns, fit.values) / shooting.sizes
+    result = []
+    for index, ((key, _), experiments) in enumerate(changed.items()):
+        alone = equations.of([*range(p), p + index])
+        moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0] / units
+        names = tuple(responses.experiments[number].measurement.name for number in experiments)
+        error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
+        by_key = dict(zip(fitted.keys, map(float, moves), strict=True))
+        result.append(Assumption(key, names, float(alone.step[p]), error, by_key))
+    return result
+
+
+def _changed(responses, suspected):
+    """Experiments with a known value changed, by (key, value) and their numbers."""
+    changed: dict[tuple[str, float], dict[int, Any]] = {}
+    for number, experiment in enumerate(responses.experiments):
+        measurement, scene = experiment.measurement, experiment.scene
+        # An impedance has neither a base that moves nor a load, and its analyser has no error.
+        keys = [MASS]
+        if not isinstance(measurement, MeasuredImpedance):
+            keys += [f"sensor.{name}_scale" for name in measurement.sensed]
+            keys += [LOAD, *[BASE_SCALE] * (BASE_FACTOR not in responses.keys)]
+        known = {key: measurement.sensors.get(key, 1.0) for key in keys if "sensor." in key}
+        known |= {key: numbers(scene)[key][0] for key in keys if key in numbers(scene)}
+        for key, value in known.items():
+            if key in responses.keys or (suspected is not None and key not in suspected):
+                continue
+            other = value * (1.0 + CHANGE)
+            if key.startswith("sensor."):
+                sensors = {**measurement.sensors, key: other}
+                moved = replace(experiment, measurement=replace(measurement, sensors=sensors))
+            else:
+                moved = replace(experiment, scene=scene.replace({key: other}))
+            # One resistor may be wrong, and another right; a sensor is the same in all records.
+            of = value if key == LOAD else 0.0
+            changed.setdefault((key, of), {})[number] = moved
+    return changed

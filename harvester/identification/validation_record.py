@@ -1,0 +1,629 @@
+"""Validation records: data that no fit used, what a model predicts of them, and what it leaves.
+
+What is left is compared with the sensors' noise by its size and by a regression. The noise of each
+output is added to the simulated one, and that of the base's sensor to what drives the model: this
+simulates the residuals that a right model would leave, in the same windows. Their spectrum weights
+the measured residuals, which are then regressed on signals that a wrong model would leave, made of
+the measured acceleration and the simulated output. Of a right model the regression explains no more
+than chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from harvester.base.formatting import with_error
+from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.measurement import frequencies
+from harvester.identification.response import NO_STATES, Responses
+from harvester.identification.search import settle_windows
+from harvester.identification.sensors import integrals
+from harvester.identification.shooting import Shooting, ShootingFit, without_states
+from harvester.scene.units import load_resistance
+from harvester.statistics.agreement import differ
+from harvester.statistics.estimate import Estimate
+
+if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
+
+# Half width of a normal variable's 95 % interval, in standard errors.
+HALF_INTERVAL = 1.96
+# Number of blocks of a record; the scatter of their means gives an error bar.
+BLOCKS = 12
+# A record's noise is taken from this share of its spectrum, at the highest frequencies.
+NOISE_BAND = 0.25
+NOISE_SEGMENTS = 16
+# Largest noise of the base's sensor, as a share of the base's rms: a higher floor is motion up to
+# half the sampling rate.
+MOST_BASE_NOISE = 0.05
+# Ratio of the rms of a normal variable to the median of its magnitude.
+NORMAL_RMS = 1.4826
+# Longest lag of the autocorrelation, in periods of the motion.
+WHITE_PERIODS = 1.0
+# Fitted states of each window: displacement, velocity and the transducer's state.
+FITTED_STATES = 3
+# An output is no record of a motion if its sensor's noise has more than this share of its rms.
+MOSTLY_NOISE = 0.9
+# Standard errors from which on an effect is no chance.
+SURE = 3.0
+# Number of drawn noise records, and of neighbouring lines over which their spectrum is averaged.
+DRAWS, LINES = 6, 9
+# Residuals are systematic if the regression's F exceeds this. Fourteen sets of three records with
+# right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
+# loads had 32 and more in their worst record.
+SYSTEMATIC = 12.0
+# Residuals are too large if they exceed this multiple of what a right model leaves. Eleven sets of
+# two or three records with right models had up to 1.23 in their worst record.
+TOO_LARGE = 1.5
+# A part below this share of an output's standard deviation is ignored.
+UNNOTICED = 2e-3
+# The same of a frequency response, whose noise is read from its residuals.
+UNNOTICED_IN_RESPONSE, MOST_NOISE = 0.05, 0.5
+# Singular values below this share of the largest are dropped: some columns are nearly the same.
+SMALLEST_DIRECTION = 1e-8
+
+
+class Unexplained(NamedTuple):
+    """Residuals of one output, as shares of its standard deviation.
+
+    Attributes
+    ----------
+    left : float
+        rms of the residuals.
+    noise : float
+        Residual that a right model would leave.
+    systematic : float
+        rms of the residuals' part that follows from the acceleration and the motion.
+    ratio : float
+        F of that part: about 1 for a right model; NaN of a frequency response.
+    is_noise : bool
+        Whether the residuals are compatible with noise in size and shape.
+    """
+
+    output: str
+    left: float
+    noise: float
+    systematic: float
+    ratio: float
+    is_noise: bool
+
+    @property
+    def beyond(self) -> float:
+        """rms beyond what a right model leaves."""
+        return math.sqrt(max(self.left**2 - self.noise**2, 0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidationRecord:
+    """The part of one measurement that no fit used, and what a model predicts of it.
+
+    Attributes
+    ----------
+    rate : float
+        Hz.
+    measured, windowed, free : ndarray, shape (samples, outputs)
+        `windowed` is simulated in windows whose starts were found in this part, the device's
+        numbers being as they were; `free` goes on from the first start alone.
+    resistance : float or None
+        Resistance of the load (Ω).
+    motion : float
+        Median frequency of the measured motion (Hz).
+    unexplained : tuple of Unexplained
+        What the prediction leaves of each output; of a response one for all.
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    rate: float
+    measured: np.ndarray
+    windowed: np.ndarray
+    free: np.ndarray
+    windows: int
+    resistance: float | None
+    motion: float
+    unexplained: tuple[Unexplained, ...] = ()
+
+    aside: ClassVar[str] = "last third"
+    # Whether the part is long enough for the residuals' correlation to show an error of the model.
+    long: ClassVar[bool] = True
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Outputs simulated in windows minus the measured ones."""
+        return self.windowed - self.measured
+
+    @property
+    def quantity(self) -> str:
+        """Name of the quantity that `nrmse` refers to."""
+        return self.outputs[0]
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the residuals over the output's standard deviation."""
+        spread = float(np.std(self.measured[:, output]))
+        return float(np.sqrt(np.mean(self.residuals[:, output] ** 2))) / spread
+
+    def noise(self, output: int = 0) -> float:
+        """Noise of an output, as a share of its standard deviation: the floor of its spectrum."""
+        values = self.measured[:, output]
+        return noise_floor(values, self.rate) / float(np.std(values))
+
+    @property
+    def compared(self) -> tuple[str, str]:
+        """Quantity and unit of `powers`."""
+        if self.resistance is not None and "voltage" in self.outputs:
+            return "mean power", "W"
+        return f"mean square {self.outputs[0]}", "scene's unit²"
+
+    def powers(self) -> tuple[Estimate, Estimate, Estimate]:
+        """Mean power (or square of an output) measured and predicted, and the relative difference.
+
+        Predicted in windows, along the measured path. Errors are those of means of blocks; that of
+        the difference of paired blocks.
+        """
+        measured, predicted = self._blocks(self.measured), self._blocks(self.windowed)
+        difference = (predicted - measured) / float(np.mean(measured))
+        return mean_of(measured), mean_of(predicted), mean_of(difference)
+
+    def explained(self) -> Estimate:
+        """Share of the first output's variance that the model explains, in windows.
+
+        Its error is that of means of blocks. A model of nothing explains 0 within it, or less.
+        """
+        return self._explained(self.measured[:, :1] - np.mean(self.measured[:, 0]), 1)
+
+    def _explained(self, measured, outputs):
+        """Share of the mean square of measured values that the model explains."""
+        left = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
+        seen = np.sum(measured**2, axis=1)
+        means = [float(np.mean(part)) for part in blocks_of(seen - left)]
+        return mean_of(np.array(means) / float(np.mean(seen)))
+
+    def free_power(self) -> Estimate:
+        """Mean power (or square) of a run from one start, which may part from the measured path."""
+        return mean_of(self._blocks(self.free))
+
+    def _blocks(self, values):
+        column = self.outputs.index("voltage") if "voltage" in self.outputs else 0
+        factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
+        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, column])])
+
+    def whiteness(self, output: int = 0) -> Whiteness:
+        """Autocorrelation of the residuals over a period of the motion."""
+        return _whiteness(self.residuals[:, output], self.rate / self.motion)
+
+    @property
+    def shows_motion(self) -> bool:
+        """Whether the model explains more than chance, or leaves more than noise.
+
+        The starts of the windows are fitted to this part: of white noise, each of their states
+        explains as much as one sample has.
+        """
+        explained = self.explained()
+        chance = FITTED_STATES * self.windows / len(self.measured)
+        if explained.estimate > chance + SURE * (explained.standard_error or 0.0):
+            return True
+        return self.noise() < MOSTLY_NOISE and not (self.long and self.whiteness().white)
+
+    @property
+    def worst(self) -> Unexplained:
+        """The output of which most is left beyond noise: that which is not noise first."""
+        return max(self.unexplained, key=lambda part: (not part.is_noise, part.beyond, part.left))
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether only the sensors' noise is left of every output."""
+        return all(part.is_noise for part in self.unexplained)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseRecord(ValidationRecord):
+    """The frequencies of a measured response that were kept aside.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (samples,)
+        Hz.
+    """
+
+    frequency: np.ndarray
+
+    aside: ClassVar[str] = "every third frequency"
+    long: ClassVar[bool] = False
+    quantity: ClassVar[str] = "response"
+    compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the residuals over that of the response, both parts together."""
+        return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
+
+    def noise(self, output: int = 0) -> float:
+        """Noise of an output, as a share of its standard deviation.
+
+        A wrong model misses the few lines of the resonance, which the median does not see.
+        """
+        size = NORMAL_RMS * float(np.median(np.abs(self.residuals[:, output])))
+        return size / float(np.std(self.measured[:, output]))
+
+    def explained(self) -> Estimate:
+        """Share of the response's square that the model explains, both parts together."""
+        return self._explained(self.measured, len(self.outputs))
+
+    def _blocks(self, values):
+        squares = np.sum(values**2, axis=1)
+        return np.array([float(np.mean(part)) for part in blocks_of(squares)])
+
+    def judged(self) -> ResponseRecord:
+        """The record with what is left of it."""
+        left, noise = self.nrmse(), self.noise()
+        beyond = math.sqrt(max(left**2 - min(noise, MOST_NOISE) ** 2, 0.0))
+        is_noise = beyond <= UNNOTICED_IN_RESPONSE
+        part = Unexplained(self.quantity, left, noise, beyond, math.nan, is_noise)
+        return replace(self, unexplained=(part,))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpedanceRecord(ResponseRecord):
+    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+
+    quantity: ClassVar[str] = "impedance"
+    compared: ClassVar[tuple[str, str]] = ("mean |Z|", "Ω")
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the relative error of Z."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
+
+    def noise(self, output: int = 0) -> float:
+        """Noise of the analyser, as relative error of Z: both outputs together."""
+        medians = np.median(np.abs(self.residuals), axis=0)
+        return NORMAL_RMS * float(np.linalg.norm(medians))
+
+    def _blocks(self, values):
+        sizes = np.exp(values[:, 0])
+        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeRecord(ValidationRecord):
+    """A record of which nothing was fitted, without its first part, run from one start alone.
+
+    Attributes
+    ----------
+    outside : str
+        Why the prediction is not claimed; empty where it is: one orbit for all likely values,
+        within what the fitted records visited.
+    limit : float
+        Most that may be left in windows of a record of the fitted device, as a share of its rms.
+    agreement : float
+        Share of the likely values whose runs have the predicted orbit.
+    rms_unit : str
+        Unit of the first output; empty in a scaled scene.
+    predicted_rms, predicted_power : Estimate
+        Of the run, with the values' error and that which the fitted records show.
+    own : dict of str to Estimate
+        Values found in this record, with its residuals' error and that of the others.
+    """
+
+    outside: str
+    limit: float
+    measured_orbit: str
+    predicted_orbit: str
+    agreement: float
+    rms_unit: str
+    predicted_rms: Estimate
+    predicted_power: Estimate
+    own: dict[str, Estimate]
+
+    aside: ClassVar[str] = "whole record"
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the model claims this record."""
+        return not self.outside
+
+    @property
+    def left(self) -> float:
+        """Of the first output in windows, beyond noise, as a share of its standard deviation."""
+        return self.unexplained[0].beyond
+
+    @property
+    def follows(self) -> bool:
+        """Whether so little is left that the record may be of the fitted device."""
+        return self.left <= self.limit
+
+    @property
+    def measured_rms(self) -> Estimate:
+        """rms of the first output."""
+        return root_mean_square(self.measured)
+
+    @property
+    def holds(self) -> bool:
+        """Whether what was measured lies within the prediction: the orbit, rms and power."""
+        return (
+            self.measured_orbit == self.predicted_orbit
+            and within(self.measured_rms, self.predicted_rms)
+            and within(self.powers()[0], self.predicted_power)
+        )
+
+    def __str__(self) -> str:
+        claim = "claimed" if self.claimed else f"not claimed ({self.outside})"
+        outcome = "within its interval" if self.holds else "not as predicted"
+        quantity, unit = self.compared
+        measured, expected = (
+            f"{orbit}, rms {_text(rms, self.rms_unit)}, {quantity} {_text(power, unit)}"
+            for orbit, rms, power in (
+                (self.measured_orbit, self.measured_rms, self.powers()[0]),
+                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
+            )
+        )
+        own = self.own.items() if self.follows else ()
+        values = ", ".join(f"{key} = {_text(value, '')}" for key, value in own)
+        return (
+            f"{self.name}, kept aside: {claim}, {outcome}; measured {measured}; predicted "
+            f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
+            f"{f', with {values}, found in this record' if values else ''}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, without the samples."""
+        quantity, unit = self.compared
+        names = ("name", "measured_orbit", "predicted_orbit", "left", "follows", "agreement",
+                 "rms_unit", "measured_rms", "predicted_rms", "predicted_power", "own")  # fmt: skip
+        return {
+            **{name: getattr(self, name) for name in names},
+            "claimed": self.claimed,
+            "why": self.outside,
+            "quantity": quantity,
+            "unit": unit,
+            "measured_power": self.powers()[0],
+            "within_interval": self.holds,
+        }
+
+
+def _text(value, unit):
+    """An estimate as text with half of its 95 % interval."""
+    return with_error(replace(value, standard_error=HALF_INTERVAL * value.standard_error), unit)
+
+
+def blocks_of(values: np.ndarray) -> list[np.ndarray]:
+    """A series in the blocks whose means give an error bar."""
+    return np.array_split(values, min(BLOCKS, values.size))
+
+
+def mean_of(values: np.ndarray) -> Estimate:
+    """Mean of independent values, with its error."""
+    error = float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    return Estimate(float(np.mean(values)), error, float(values.size), "1")
+
+
+def root_mean_square(values: np.ndarray) -> Estimate:
+    """rms of the first of several series (samples, outputs), with the error of its blocks."""
+    square = mean_of(np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])]))
+    rms = math.sqrt(square.estimate)
+    error = square.standard_error / (2.0 * rms) if rms and square.standard_error else 0.0
+    return replace(square, estimate=rms, standard_error=error)
+
+
+def within(measured: Estimate, expected: Estimate) -> bool:
+    """Whether a measured value lies within its prediction's 95 % interval."""
+    error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
+    difference = measured.estimate - expected.estimate
+    return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
+
+
+def predicted(
+    shooting: Shooting,
+    fit: ShootingFit,
+    parts: Sequence[tuple[int, int]],
+    reach: tuple[float, float] | None = None,
+) -> tuple[list[ValidationRecord], ShootingFit]:
+    """Motion and outputs of the fitted device in a part of each experiment.
+
+    Parameters
+    ----------
+    parts : sequence of (int, int)
+        First sample, and that behind the last.
+    reach : (float, float), optional
+        Scaled displacements between which the mass is looked for.
+
+    Returns
+    -------
+    list of ValidationRecord
+    ShootingFit
+        The windows of the parts with their starts.
+    """
+    settled = settle_windows(shooting.frozen(), fit, parts, reach)
+    responses, predictions = shooting.responses, []
+    for number, edges in enumerate(settled.edges):
+        experiment = responses.experiments[number]
+        starts = settled.starts[number]
+        _, _, windowed = responses.states(number, fit.values, edges, starts)
+        span = edges[[0, -1]]
+        _, _, free = responses.states(number, fit.values, span, starts[:1])
+        measurement, scene = experiment.measurement, experiment.scene
+        predictions.append(
+            ValidationRecord(
+                name=measurement.name,
+                outputs=tuple(measurement.outputs),
+                rate=measurement.sampling_rate,
+                measured=shooting.seen(number, edges),
+                windowed=windowed,
+                free=free,
+                windows=edges.size - 1,
+                resistance=load_resistance(scene) if scene.units == "SI" else None,
+                motion=frequencies(measurement)[0],
+            )
+        )
+    return predictions, settled
+
+
+def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
+    """Predictions of the lines of a response or an impedance that were kept aside."""
+    measurement: Any = responses.experiments[number].measurement
+    measured = np.column_stack(list(measurement.outputs.values()))
+    edges = np.array([0, measured.shape[0]])
+    _, _, simulated = responses.states(number, values, edges, NO_STATES)
+    frequency = measurement.frequency
+    is_impedance = isinstance(measurement, MeasuredImpedance)
+    return (ImpedanceRecord if is_impedance else ResponseRecord)(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
+        measured=measured,
+        windowed=simulated,
+        free=simulated,
+        windows=1,
+        resistance=None,
+        motion=float(np.median(frequency)),
+        frequency=frequency,
+    ).judged()
+
+
+def noise_floor(values: np.ndarray, rate: float) -> float:
+    """rms of a record's noise: the floor of its spectrum in the highest quarter, assumed white.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rate : float
+        Hz.
+    """
+    from scipy import signal
+
+    f, density = signal.welch(values, rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
+    floor = float(np.median(density[f > (1.0 - NOISE_BAND) * f[-1]]))
+    return math.sqrt(floor * 0.5 * rate)
+
+
+def base_noise(acceleration: np.ndarray, rate: float) -> float:
+    """rms noise of the base's sensor, from the floor of its spectrum, at a rate in Hz."""
+    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Autocorrelation of residuals.
+
+    Attributes
+    ----------
+    correlations : ndarray, shape (lags,)
+        Autocorrelations from lag 1 on.
+    bound : float
+        Limit within which white residuals' correlations stay at 95 % of the lags.
+    probability : float
+        Probability of a sum of squares as large as this for white residuals (Ljung and Box).
+    """
+
+    correlations: np.ndarray
+    bound: float
+    probability: float
+
+    @property
+    def white(self) -> bool:
+        """Whether nothing speaks against white residuals: a false alarm in a thousand."""
+        return self.probability > 1e-3
+
+
+def _whiteness(residuals, per_period):
+    """Autocorrelation of residuals over a period of so many samples."""
+    from scipy.stats import chi2
+
+    values = residuals - residuals.mean()
+    n = values.size
+    lags = int(np.clip(round(WHITE_PERIODS * per_period), 4, n // 4))
+    spectrum = np.abs(np.fft.rfft(values, 2 * n)) ** 2
+    series = np.fft.irfft(spectrum)[: lags + 1]
+    correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+    statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
+    return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
+
+
+def validated(fitted: Fitted) -> list[ValidationRecord]:
+    """A fit's validation records with what is left of each output."""
+    in_time = len(fitted.settled.edges) if fitted.settled else 0
+    judged = [
+        replace(record, unexplained=tuple(_unexplained(fitted, number)))
+        for number, record in enumerate(fitted.records[:in_time])
+    ]
+    return [*judged, *fitted.records[in_time:]]
+
+
+def _unexplained(fitted, number):
+    """What is left of one record, the fitted starts of the windows projected out of it."""
+    shooting, fit = fitted.shooting.frozen(), fitted.settled
+    measurement = shooting.responses.experiments[number].measurement
+    edges, noise = fit.edges[number], fit.noise[number]
+    cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
+    measured, table = shooting.seen(number, edges), shooting.jacobian(fit, number)[0]
+    left, starts = table[..., -1], table[..., :-1]
+    drawn = without_states(_drawn(shooting, fit, number, measured) / noise[:, None], starts, cuts)
+    simulated = left * noise + measured
+    for output, name in enumerate(measurement.outputs):
+        columns = _signals(measurement, inside, simulated[:, output])
+        alone = np.zeros((*measured.shape, columns.shape[1]))
+        alone[:, output] = columns
+        signals = without_states(alone, starts, cuts)[:, output]
+        spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
+        explained, ratio = _regressed(left[:, output], signals, spectrum)
+        unit = float(noise[output] / np.std(measured[:, output]))
+        rms, drawn_rms, systematic = (
+            unit * _rms(left[:, output]),
+            unit * _rms(drawn[:, output]),
+            unit * explained,
+        )
+        follows = ratio >= SYSTEMATIC and systematic >= UNNOTICED
+        large = rms > TOO_LARGE * drawn_rms and rms**2 - drawn_rms**2 > UNNOTICED**2
+        yield Unexplained(name, rms, drawn_rms, systematic, ratio, not (follows or large))
+
+
+def _drawn(shooting, fit, number, measured):
+    """Simulated residuals of a right model, shape (samples, outputs, draws)."""
+    measurement = shooting.responses.experiments[number].measurement
+    random = np.random.default_rng(0)
+    rate, base = measurement.sampling_rate, measurement.acceleration
+    floors = np.array([noise_floor(series, rate) for series in measured.T])
+    shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
+    edges, starts = fit.edges[number], fit.starts[number]
+    drawn = shooting.responses.moved_by_noise(number, shaken, fit.values, edges, starts)
+    return drawn + floors[:, None] * random.standard_normal(drawn.shape)
+
+
+def _signals(measurement, inside, simulated):
+    """Signals that a wrong model would leave in an output's residuals, shape (samples, signals)."""
+    places = np.arange(measurement.acceleration.size)
+    integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0][inside]
+    base, moved = measurement.acceleration[inside], simulated - simulated.mean()
+    slope = np.gradient(moved)
+    signals = [moved, slope, base, integral, moved**2, moved**3, moved**2 * slope]
+    columns = np.column_stack([signal - signal.mean() for signal in signals])
+    return columns / np.maximum(columns.std(axis=0), 1e-300)
+
+
+def _regressed(left, signals, spectrum):
+    """rms of the part of residuals that signals explain, and its F, with weights by a spectrum."""
+    weights = 1.0 / np.sqrt(np.maximum(spectrum, 1e-12 * spectrum.max()))
+    seen = np.fft.rfft(left) * weights
+    columns = np.fft.rfft(signals, axis=0) * weights[:, None]
+    flat = np.concatenate([columns.real, columns.imag])
+    coefficients, _, rank, _ = np.linalg.lstsq(
+        flat, np.concatenate([seen.real, seen.imag]), rcond=SMALLEST_DIRECTION
+    )
+    explained = columns @ coefficients
+    # The median ignores the few spectral lines of a sine that no signal explains.
+    chance = float(np.median(np.abs(seen - explained) ** 2)) / np.log(2.0)
+    ratio = 2.0 * float(np.sum(np.abs(explained) ** 2)) / rank / max(chance, 1e-300)
+    return _rms(signals @ coefficients), ratio
+
+
+def _smooth(spectrum):
+    """A spectrum averaged over neighbouring lines."""
+    padded = np.pad(spectrum, LINES // 2, "edge")
+    return np.convolve(padded, np.full(LINES, 1.0 / LINES), "valid")
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(values**2)))
