@@ -20,7 +20,7 @@ from harvester.studies.public import spectrum as spectrum
 from harvester.studies.public import sweep as sweep
 from harvester.engines.opening import open_runner as open_runner
 from harvester.studies.public import load_study as load_study
-from harvester.studies.loads.study import save as save
+from harvester.results.files import save as save
 from harvester.studies.public import optimum as optimum
 from harvester.studies.public import sensitivity as sensitivity
 from harvester.identification.identify import identify as identify
@@ -29,9 +29,9 @@ from harvester.identification.measured_impedance import MeasuredImpedance as Mea
 from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
 from harvester.identification.measurement import read_measurement as read_measurement
 from harvester.identification.measured_impedance import read_impedance as read_impedance
-from harvester.validation.accuracy import accuracy as accuracy
-from harvester.validation.stability import stability as stability
-from harvester.validation.verify import verify as verify
+from harvester.validation.public import accuracy as accuracy
+from harvester.validation.public import stability as stability
+from harvester.validation.public import verify as verify
 from harvester.validation.reproduce import reproduce as reproduce
 from circuits.equivalent.schematic.drawing import schematic as schematic
 from harvester.base.errors import HarvesterError as HarvesterError

@@ -13,9 +13,9 @@ from harvester.validation import claims, reproduce, throughput
 from harvester.validation import paper_figures as runs
 from harvester.validation import stability as matrix
 from harvester.validation import stability_cases as cases
-from harvester.validation.accuracy import accuracy
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.paper_figures import FIGURES
+from harvester.validation.public import accuracy, stability
 from harvester.validation.statements import Claim, Trend
 
 PAPER = Scene.read("paper", ["run.settle=5"])
@@ -84,7 +84,7 @@ def stiff(**options):
     cases.STEP_BUDGET = 4000
     matrix.METHODS = ("circuit", "monte-carlo", "paper", "consistent")
     chosen = [cases.Case("gap", f"{gap:g}", {"gap_in_wells": gap}) for gap in (1.1, 1.2, 1.3, 1.5)]
-    return matrix.stability(PAPER, cases=chosen, **options).to_dict()
+    return stability(PAPER, cases=chosen, **options).to_dict()
 
 
 def precision(**options):

@@ -181,6 +181,9 @@ def _header(before, scene, netlist, scales):
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
+        "If this file has another name, write that name behind the .raw file.",
+        "ngspice searches all points of the PWL source at every step: its time grows with the",
+        "square of run.duration. harvester simulate --method circuit does not.",
         *LICENCE,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",

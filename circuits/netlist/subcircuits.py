@@ -179,6 +179,13 @@ def _check_pins(top):
         )
 
 
+class UnknownParameter(NetlistError):
+    """A load has no parameter of this name; `args[1]` are those that it has."""
+
+    def __str__(self) -> str:
+        return self.args[0]
+
+
 def _override(root, top, given, path):
     """Put the user's values in; those of the sub-circuit's own parameters are returned."""
     values = {}
@@ -188,8 +195,9 @@ def _override(root, top, given, path):
         where = f"load.parameters.{key[:60]} = {value!r:.60}"
         if name not in existing:
             hint = f"; there are {listed(existing)}" if existing else "; it has none"
-            raise NetlistError(
-                f"{where}: {path.name} has no such parameter{nearest(name, existing)}{hint}"
+            raise UnknownParameter(
+                f"{where}: {path.name} has no such parameter{nearest(name, existing)}{hint}",
+                tuple(existing),
             )
         if isinstance(value, str) and (read := _MISREAD.match(value)):
             mega, small = _READINGS[read.group(2)]

@@ -75,13 +75,19 @@ def average(
         Unknown closure, or one that does not hold for these parameters.
     LoadError
         The load is no resistor.
+
+    Examples
+    --------
+    ::
+
+        harvester average paper --method consistent
     """
     from harvester.device import timescales
     from harvester.device.beam.magnets import magnet_notes
     from harvester.results.result import Result
     from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
-    from harvester.statistics.estimate import Density, root
+    from harvester.statistics.estimate import Density
     from harvester.statistics.joint_density import JointDensity
 
     if isinstance(method, Method):
@@ -99,7 +105,6 @@ def average(
     averages = averages_of(noise, method, tolerance, memory=jump_rates)
     parameters, scales = prepared(noise).system, prepared(noise).scales
     quantities = estimates_of(averages)
-    quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if not timescales.bistable(parameters):
         quantities.pop("share_in_wells", None)
     if not parameters.lossy_transducer:
@@ -202,10 +207,10 @@ def _refuse_range(scene):
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
     """A closure's means as estimates with its numerical error."""
-    from harvester.statistics.estimate import Estimate
+    from harvester.statistics.estimate import Estimate, root
 
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells
-    return {
+    estimates = {
         name: Estimate(
             float(value),
             averages.numerical_error[name],
@@ -215,6 +220,7 @@ def estimates_of(averages: Averages) -> dict[str, Estimate]:
         for name, value in values.items()
         if name in averages.numerical_error
     }
+    return estimates | {"rms_voltage": root(estimates["mean_square_voltage"])}
 
 
 def _fitted(scene):

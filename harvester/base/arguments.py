@@ -78,30 +78,23 @@ def key_and_values(
     )
 
 
-def checked_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options of a public function with the executor checked, and `progress` guarded.
-
-    Raises HarvesterError.
-    """
-    executor, progress = options.get("executor"), options.get("progress")
+def check_processes(options: Mapping[str, Any]) -> None:
+    """Refuse an executor or a runner that takes no calls, by HarvesterError."""
+    executor, runner = options.get("executor"), options.get("runner")
     if executor is not None and not hasattr(executor, "submit"):
         raise HarvesterError(
             f"executor = {shown(executor)}: has no method submit; give a "
             "concurrent.futures.Executor"
         )
-    runner = options.get("runner")
     runs = hasattr(runner, "answer") or hasattr(getattr(runner, "pool", runner), "map")
     if runner is not None and not runs:
         raise HarvesterError(f"runner = {shown(runner)}: give a WorkerPool or a Runner")
-    if progress is None:
-        return options
+
+
+def checked_progress(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
+    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
     if not callable(progress):
         raise HarvesterError(f"progress = {shown(progress)}: must be a function of two arguments")
-    return {**options, "progress": _guarded(progress)}
-
-
-def _guarded(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
-    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
 
     def follow(share: float, words: str) -> None:
         try:

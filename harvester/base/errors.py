@@ -6,7 +6,12 @@ from typing import Any
 
 
 class HarvesterError(Exception):
-    """Base of every error that a user can cause or must know of."""
+    """Base of every error that a user can cause or must know of.
+
+    `exit_code` is that of a command that the error ends.
+    """
+
+    exit_code = 2
 
 
 class SceneError(HarvesterError):
@@ -26,6 +31,8 @@ class UnknownQuantity(HarvesterError, KeyError):
 
 class EngineNotFound(HarvesterError):
     """The ngspice library is missing or cannot be loaded."""
+
+    exit_code = 1
 
 
 class CompiledDeviceUnavailable(HarvesterError):
@@ -73,6 +80,8 @@ class SimulationError(HarvesterError):
         The result of the run up to then; within a worker, its moments.
     """
 
+    exit_code = 1
+
     def __init__(self, message: str, partial: Any = None) -> None:
         super().__init__(message)
         self.partial = partial
@@ -99,6 +108,8 @@ class NotConverged(SimulatorAborted):
 
 class LoadChatters(SimulatorAborted):
     """A part of the load turns on and off without an end; the load's file is to be changed."""
+
+    exit_code = 2
 
 
 class SolutionDiverged(SimulationError):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-NOT_KNOWN = "—"
 NO_ERROR_BAR = " (no error bar)"
 # Most digits of a value. More would show rounding.
 MOST_DIGITS = 6
@@ -35,13 +34,22 @@ class Printed(str):
     value: float
     error: float | None
     unit: str
+    ends: tuple[float, float] | None
 
     def __new__(
-        cls, text: str, value: float = math.nan, error: float | None = None, unit: str = ""
+        cls,
+        text: str,
+        value: float = math.nan,
+        error: float | None = None,
+        unit: str = "",
+        ends: tuple[float, float] | None = None,
     ) -> Printed:
         printed = super().__new__(cls, text)
-        printed.value, printed.error, printed.unit = value, error, unit
+        printed.value, printed.error, printed.unit, printed.ends = value, error, unit, ends
         return printed
+
+
+NOT_KNOWN = Printed("—")
 
 
 class Estimated(Protocol):
@@ -56,6 +64,8 @@ class Estimated(Protocol):
 def with_error(estimate: Estimated, unit: str = "") -> Printed:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
+    if not math.isfinite(value):
+        return Printed(NOT_KNOWN, math.nan, None, unit)
     factor, symbol = prefixed(largest(estimate), unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
     bare = text.removesuffix(NO_ERROR_BAR)
@@ -152,6 +162,14 @@ def quantity(value: float, unit: str = "", digits: int = 4) -> Printed:
     return Printed(f"{_number(factor * value, digits)} {symbol}".rstrip(), value, None, unit)
 
 
+def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
+    """ "0.5 kΩ … 2 kΩ": both ends of an interval; a dash where one is not known."""
+    if not math.isfinite(low + high):
+        return Printed(NOT_KNOWN, unit=unit, ends=(math.nan, math.nan))
+    text = f"{quantity(low, unit, digits)} … {quantity(high, unit, digits)}"
+    return Printed(text, unit=unit, ends=(low, high))
+
+
 def number(value: float, digits: int = 4) -> Printed:
     """A plain number; a dash where there is none.
 
@@ -168,6 +186,15 @@ def _number(value, digits):
         return NOT_KNOWN
     text = f"{value + 0.0:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
+
+
+def written(value: float, how: str, unit: str = "", error: float | None = None) -> Printed:
+    """A number by one of Python's format specifications; a dash where there is none.
+
+    >>> written(0.01234, "+.1%"), written(float("nan"), ".3g")
+    ('+1.2%', '—')
+    """
+    return Printed(f"{value:{how}}" if math.isfinite(value) else NOT_KNOWN, value, error, unit)
 
 
 def count(size: float | None) -> Printed:

@@ -7,12 +7,15 @@ import html
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Any
 
 # A call that is shorter (s) shows no bar, which would only flicker.
 SHOW_AFTER_SECONDS = 1.0
+# Each update is a message to the browser: at most one in so many seconds.
+UPDATE_SECONDS = 0.1
 
-_open_bars: list[str] = []
+_HAS_BAR = ContextVar("has_bar", default=False)
 
 
 def in_notebook() -> bool:
@@ -28,17 +31,20 @@ def progress_bar(label: str) -> Iterator[Callable[[float, str], None] | None]:
 
     None outside a notebook, and inside another bar's block.
     """
-    if not in_notebook() or _open_bars:
+    if not in_notebook() or _HAS_BAR.get():
         yield None
         return
     from IPython.display import HTML, display
 
     handles: list[Any] = []
-    started = time.monotonic()
+    due = time.monotonic() + SHOW_AFTER_SECONDS
 
     def show(share: float, words: str = "") -> None:
-        if time.monotonic() - started < SHOW_AFTER_SECONDS:
+        nonlocal due
+        now = time.monotonic()
+        if now < due:
             return
+        due = now + UPDATE_SECONDS
         text = html.escape(f"{label}: {share:.0%} {words}")
         bar = HTML(f'<progress value="{share:.3f}" max="1"></progress> {text}')
         if handles:
@@ -46,10 +52,10 @@ def progress_bar(label: str) -> Iterator[Callable[[float, str], None] | None]:
         else:
             handles.append(display(bar, display_id=True))
 
-    _open_bars.append(label)
+    token = _HAS_BAR.set(True)
     try:
         yield show
     finally:
-        _open_bars.remove(label)
+        _HAS_BAR.reset(token)
         if handles:
             handles[0].update(HTML(""))

@@ -23,10 +23,15 @@ def is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def number(text: str) -> float:
+def is_whole(value: object, least: int) -> bool:
+    """Whether a value is a whole number, not True or False, and not below the least."""
+    return is_real(value) and isinstance(value, numbers.Integral) and int(value) >= least
+
+
+def number(text: str, unit: str | None = None) -> float:
     """The number of a text such as "306e3", "200k" or "4.7meg".
 
-    Raises NotANumber.
+    `unit`: of the number, where it is told. Raises NotANumber.
 
     Examples
     --------
@@ -34,6 +39,9 @@ def number(text: str) -> float:
     (200000.0, 4700000.0, 4.3e-08)
     """
     match = _NUMBER.fullmatch(text.strip())
+    percent = None if match else _NUMBER.fullmatch(text.strip().removesuffix("%"))
+    if percent and not percent[3]:
+        raise NotANumber(f"write {float(percent[0]) / 100.0:g} for {percent[0].strip()} %")
     if not match:
         raise NotANumber(f"write a number, perhaps with one of {_LISTED} behind it")
     digits, exponent, suffix = match.groups()
@@ -46,10 +54,13 @@ def number(text: str) -> float:
         from scipy.constants import g
 
         value = float(f"{digits}e{exponent or 0}")
-        raise NotANumber(
-            f"write {value * g:g} (m/s²) for {value:g} g of acceleration, "
-            f"{value / 1e3:g} (kg) for {value:g} grams"
-        )
+        readings = {
+            "kg": f"{value / 1e3:g} (kg) for {value:g} grams",
+            "m/s²": f"{value * g:g} (m/s²) for {value:g} g of acceleration",
+            **dict.fromkeys(("", "1"), f"{value:g}, without the unit g"),
+        }
+        both = f"{readings['m/s²']}, {readings['kg']}"
+        raise NotANumber(f"write {both if unit is None else readings.get(unit, both)}")
     for unit in UNITS if power is None else ():
         prefix = suffix.removesuffix(unit)
         if prefix != suffix and prefix in POWERS:

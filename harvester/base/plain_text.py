@@ -118,11 +118,16 @@ def named(name: object) -> str:
 def nearest(word: object, known: Iterable[str]) -> str:
     """Say " (did you mean …?)" with a space in front where a known word is close, else nothing.
 
-    >>> nearest("resistanze", ["resistance", "decay_rate"])
-    ' (did you mean resistance?)'
+    A dotted key is near by its last part too.
+
+    >>> nearest("resistanze", ["resistance", "decay_rate"]), nearest("seed", ["run.seed", "scheme"])
+    (' (did you mean resistance?)', ' (did you mean run.seed?)')
     """
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
     near = [candidate for candidate in known if len(candidate) <= 2 * LONGEST_MISSPELT]
-    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
-    return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""
+    near = near[:MOST_COMPARED]
+    meant = {candidate.rpartition(".")[2]: candidate for candidate in reversed(near)}
+    meant |= {candidate: candidate for candidate in near}
+    close = difflib.get_close_matches(word, meant, n=1, cutoff=LEAST_COMMON_SHARE)
+    return f" (did you mean {named(meant[close[0]][:LONGEST_SHOWN])}?)" if close else ""

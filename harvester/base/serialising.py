@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from collections.abc import Callable, Mapping
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from harvester.base.numbers import is_real, is_whole
 from harvester.base.plain_text import shown
 from harvester.base.writing import finite
 
@@ -36,23 +36,19 @@ def key(name: str) -> dict[str, str]:
     return {_KEY: name}
 
 
-def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[str, Any]:
+def fields_of(instance: Any) -> dict[str, Any]:
     """The fields of a dataclass by their keys, each as a plain value.
 
-    `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-    `unit` instead.
+    `IN_JSON` of a class: further keys, with the names of their properties.
     """
-    content = {}
-    for field in dataclasses.fields(instance):
-        name, value = field.metadata.get(_KEY, field.name), getattr(instance, field.name)
-        if units is not None and field.name == "dimension":
-            name, value = "unit", units(value)
-        if name is not None:
-            content[name] = plain(value, units)
-    return content
+    names = {f.metadata.get(_KEY, f.name): f.name for f in dataclasses.fields(instance)}
+    names |= getattr(instance, "IN_JSON", {})
+    return {
+        name: plain(getattr(instance, field)) for name, field in names.items() if name is not None
+    }
 
 
-def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
+def plain(value: Any) -> Any:
     """A value as JSON takes it: NaN and infinity become null, arrays and tuples become lists.
 
     An object with a `to_dict` is converted by it; of other dataclasses all fields are taken.
@@ -64,14 +60,22 @@ def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     if isinstance(value, float):
         return finite(value)
     if isinstance(value, Mapping):
-        return {str(name): plain(item, units) for name, item in value.items()}
+        return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item, units) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if dataclasses.is_dataclass(value):
-        return fields_of(value, units)
+        return fields_of(value)
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
+
+
+# For each type of a plain value a test of it, and what a value must be.
+_PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
+    str: (lambda value: isinstance(value, str), "a text"),
+    float: (is_real, "a number"),
+    int: (lambda value: is_whole(value, 0), "a whole number ≥ 0"),
+}
 
 
 class NotAValue(Exception):
@@ -91,7 +95,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
         (inner,) = set(get_args(kind)) - {NoneType}
         return None if value is None else read(inner, value, where)
     if dataclasses.is_dataclass(kind):
-        return _read_fields(kind, value, where)
+        return kind(**values_of(kind, value, where))  # type: ignore[operator]
     if get_origin(kind) is dict:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
@@ -102,29 +106,25 @@ def read(kind: Any, value: Any, where: str) -> Any:
     if get_origin(kind) is tuple:
         _require(isinstance(value, list | tuple), value, where, "a list")
         return tuple(read(get_args(kind)[0], item, where) for item in value)
-    if kind is str:
-        _require(isinstance(value, str), value, where, "a text")
-    elif kind is float and value is None:
+    if kind is float and value is None:
         return math.nan
-    elif kind is float:
-        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        _require(is_number, value, where, "a number")
-    elif kind is int:
-        is_count = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-        _require(is_count and value >= 0, value, where, "a whole number ≥ 0")
+    if kind in _PLAIN:
+        is_one, noun = _PLAIN[kind]
+        _require(is_one(value), value, where, noun)
     return value
 
 
-def _read_fields(kind, content, where):
+def values_of(kind: Any, content: Any, where: str) -> dict[str, Any]:
+    """The fields of a dataclass that JSON holds, by their names; see `read`."""
     _require(isinstance(content, Mapping), content, where, "a table")
     hints, values = get_type_hints(kind), {}
     for field in dataclasses.fields(kind):
         name = field.metadata.get(_KEY, field.name)
         if name in content:
             values[field.name] = read(hints[field.name], content[name], f"{where}.{name}")
-        elif field.default is field.default_factory is dataclasses.MISSING:
+        elif name and field.default is field.default_factory is dataclasses.MISSING:
             raise NotAValue(f"{where}.{name} is missing")
-    return kind(**values)
+    return values
 
 
 def _read_key(kind, name, where):

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real, number
+from harvester.base.numbers import is_real, is_whole, number
 from harvester.base.plain_text import named, shown
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -171,10 +171,6 @@ def _positive(value: Any) -> bool:
     return is_real(value) and float(value) > 0.0
 
 
-def _counts(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and is_real(value) and int(value) >= 1
-
-
 def _share(value: Any) -> bool:
     return is_real(value) and 0.0 < float(value) < 1.0
 
@@ -194,11 +190,10 @@ Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)
 Hertz = Annotated[float, Kind("HERTZ", "a number of hertz > 0", _positive)]
 Metres = Annotated[float, Kind("METRES", "a number of metres > 0", _positive)]
 Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
-Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", f"written as {LIST}", read=grid_of)]
-Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
+Count = Annotated[int, Kind("N", "a whole number ≥ 1", lambda value: is_whole(value, 1))]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
     Kind("TABLE.KEY=LIST", BY_KEY, option="sweep", read=pair_of(grid_of), join=by_key),
@@ -265,7 +260,7 @@ class RunnerOptions(TypedDict, total=False):
     """
 
     time_budget: Seconds | None
-    workers: Processes | None
+    workers: Count | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
     # `open_runner` annotates these two by their types. They stand above this module, so that it has

@@ -16,15 +16,17 @@ from harvester.base.writing import whole_file, write_text
 
 
 def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:
-    """Write a table, whole or not at all; an empty cell stands for what is not a number.
+    """Write a table, whole or not at all, as `csv_text`; raises OutputError."""
+    write_text(path, csv_text(header, rows))
 
-    Raises OutputError.
-    """
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence]) -> str:
+    """A table as CSV; an empty cell stands for what is not a number."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
     writer.writerows([_cell(value) for value in row] for row in rows)
-    write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 def write_netcdf(path: str | Path, dataset: Any) -> None:

@@ -19,6 +19,12 @@ def beam(scene: Scene) -> BeamValues:
     ----------
     scene : Scene
         One with the table [beam].
+
+    Examples
+    --------
+    ::
+
+        harvester beam bimorph --output results
     """
     if scene.beam is None:
         raise SceneError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import File, Hertz, Kind, Metres, Seconds, Step
-from harvester.cli.shown import say
+from harvester.cli.shown import is_quiet, say
 from harvester.interop.formats import write
 
 if TYPE_CHECKING:
@@ -41,6 +41,12 @@ def netlist(
         default, fine, finest, or the longest step in seconds.
     realization : int
         Whose noise path.
+
+    Examples
+    --------
+    ::
+
+        harvester netlist paper --set run.duration=100 --output paper.cir
     """
     write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
 
@@ -84,12 +90,22 @@ def export(
         Samples a second of csv (default: 10000); Shepherd's is 100000.
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
+
+    Examples
+    --------
+    ::
+
+        harvester export device --as deck --output block
     """
+    from harvester.cli.console import progress
+
     options: dict[str, Any] = {
         "dialect": dialect, "step": step, "realization": realization,
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
-    for path in write(scene, kind, output, say, **options):
+    with progress("export"):
+        paths = write(scene, kind, output, say, **options)
+    for path in paths:
         say(f"written: {path}")
 
 
@@ -105,6 +121,12 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
         Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
     output : str
         The load's file, NAME.lib (default: standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib
     """
     from circuits.netlist.imported import candidates, imported
     from circuits.netlist.load_notes import following_notes
@@ -156,6 +178,12 @@ def schematic(scene: Scene, *, output: File = "-") -> None:
     scene : Scene
     output : str
         An .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester schematic device --set load.netlist=bridge --output bridge.svg
     """
     from circuits.equivalent.schematic.drawing import schematic
     from harvester.base.writing import in_folder, is_stream, write_text
@@ -178,16 +206,29 @@ def engine(*, json: File | None = None) -> None:
     ----------
     json : str or None
         Write JSON; - for standard output.
+
+    Examples
+    --------
+    ::
+
+        harvester engine --json -
     """
     from circuits.ngspice.engine import describe
     from harvester.base.worker_process import Worker
     from harvester.base.writing import check_writable, is_standard_output, write_json
-    from harvester.cli.console import show_engine
 
     if json:
         check_writable(json)
     with closing(Worker()) as worker:
-        description = worker.call(describe, {}, time_limit=60.0)
-    show_engine(description, to_stderr=is_standard_output(json))
+        found = worker.call(describe, {}, time_limit=60.0)
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    if not is_quiet():
+        print(
+            f"{found['version']} from {found['library']}",
+            f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+            f"compiled device: {found['compiled_device_off'] or 'on'}",
+            sep="\n",
+            file=sys.stderr if is_standard_output(json) else sys.stdout,
+        )
     if json:
-        write_json(json, description)
+        write_json(json, found)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import tomllib
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import named
+from harvester.base.reading import read_input
 from harvester.base.signatures import File
 
-# Most bytes that are read, since a device such as /dev/zero never ends.
+# Most bytes that are read.
 LARGEST_RESULT = 100_000_000
 
 
@@ -22,11 +23,14 @@ def cite(result: File | None = None, /) -> None:
     ----------
     result : str or None
         JSON of simulate, average or validate (default: the sources of all methods).
+
+    Examples
+    --------
+    ::
+
+        harvester cite results/paper-validate.json
     """
-    try:
-        sources = sources_of(_read(result)) if result else all_sources()
-    except HarvesterError as error:
-        raise HarvesterError(f"{result}: {error}") from None
+    sources = sources_of(_read(result), named(result)) if result else all_sources()
     for source in sources:
         print(f"{source['method']}:\n    {source['reference']}")
 
@@ -37,8 +41,8 @@ def all_sources() -> list[dict[str, Any]]:
     return tomllib.loads(text)["source"]
 
 
-def sources_of(content: Any) -> list[dict[str, Any]]:
-    """Sources of the methods behind the JSON of a result or a comparison.
+def sources_of(content: Any, name: str = "the content") -> list[dict[str, Any]]:
+    """Sources of the methods behind the JSON of a result or a comparison, of some name.
 
     Raises
     ------
@@ -50,7 +54,7 @@ def sources_of(content: Any) -> list[dict[str, Any]]:
     engines = [*results] if isinstance(results, dict) and results else [content.get("engine")]
     if not isinstance(scene, dict) or not all(isinstance(engine, str) for engine in engines):
         raise HarvesterError(
-            "holds no scene and engine; give the JSON of simulate, average or validate"
+            f"{name}: holds no scene and engine; give the JSON of simulate, average or validate"
         )
     return [source for source in all_sources() if _is_used(source, scene, engines)]
 
@@ -68,16 +72,10 @@ def _is_used(source, scene, engines):
     )
 
 
-def _read(name):
+def _read(file):
     try:
-        with Path(name).open("rb") as file:
-            content = file.read(LARGEST_RESULT + 1)
-        if len(content) > LARGEST_RESULT:
-            raise HarvesterError(f"is larger than {LARGEST_RESULT // 10**6} MB: no result")
-        return json.loads(content)
-    except OSError as error:
-        raise HarvesterError(
-            f"cannot be read: {error.strerror}; give a file that --json or --output wrote"
-        ) from None
+        return json.loads(read_input(file, "result of --json or --output", LARGEST_RESULT))
     except (ValueError, RecursionError):
-        raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None
+        raise HarvesterError(
+            f"{named(file)}: is no JSON; give a file that --json or --output wrote"
+        ) from None

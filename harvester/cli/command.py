@@ -6,39 +6,52 @@ import contextlib
 import inspect
 import pkgutil
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
 from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
-from harvester.cli.output import check_places, result_files, show, study_runner, write_result
+from harvester.cli.output import check_places, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
-    from harvester.engines.runner import Runner
     from harvester.scene.model import Scene
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command that only calls its function, which prints the result itself.
+    """A function as a command; if it returns a result, this is shown and written.
+
+    A function with the parameter `progress` is given what draws the progress bar, one with
+    `**running: Unpack[RunnerOptions]` an open runner.
 
     Attributes
     ----------
     function : str
-        MODULE:NAME, imported when the command or its help is called. It returns the exit code, or
-        None for 0.
-    example : str
-        Arguments of an example call.
-    bar : str
-        Content of the progress bar; left out: there is none.
+        MODULE:NAME, imported when the command or its help is called. It returns a result, or the
+        exit code, or None for 0. Its docstring is the help, with an example of a call.
+    title : str or callable
+        Title of the table, or a function of the result that returns it; empty: the command's name.
+    stem : str
+        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
+        command's name.
+    failed : callable or None
+        Function that tells from the result whether the exit code is 1.
+    is_run : bool
+        Whether it is one run of an engine: --waveform writes the result's `waveform`, and the
+        progress bar shows the rate of the simulated time.
+    running : callable or None
+        Function of the options that gives the runner's settings where the user leaves it out.
     """
 
     function: str
-    example: str
-    bar: str = ""
+    title: str | Callable[[Any], str] = ""
+    stem: str = ""
+    failed: Callable[[Any], bool] | None = None
+    is_run: bool = False
+    running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
     @property
     def name(self) -> str:
@@ -50,9 +63,25 @@ class Command:
         """The function that the command calls."""
         return pkgutil.resolve_name(self.function)
 
+    @property
+    def returns_result(self) -> bool:
+        return inspect.signature(self.target).return_annotation not in ("None", "int")
+
+    @property
+    def takes_runner(self) -> bool:
+        return RunnerOptions.__annotations__.keys() <= options_of(self.target).keys()
+
     def options(self) -> Iterator[tuple[Option, str]]:
         """The command's options, each with its help."""
         yield from options_shown(self.target)
+        if self.returns_result:
+            yield Option.of("json", File), "Write JSON; - for standard output."
+            if not self.takes_runner:
+                yield Option.of("output", Folder), "Folder for JSON and figure."
+            if self.is_run:
+                text = "Write a realization over time (see --window, --node): a .csv, .nc or .png"
+                yield Option.of("waveform", File), f"{text} file."
+            yield Option.of("report", File), "Write one self-contained HTML page with everything."
         yield Option.of("quiet", bool, False), "Show errors only, and what goes to -."
 
     def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
@@ -76,10 +105,33 @@ class Command:
         """Carry the command out; returns the exit code, or None for 0."""
         from harvester.cli.console import progress
 
-        with progress() if self.bar else contextlib.nullcontext() as follow:
-            if follow:
-                follow(self.bar, None)
-            return self._call(self._scene(values), values)
+        scene = self._scene(values)
+        if not self.returns_result:
+            return self._call(scene, values)
+        _say_costs(scene)
+        places = {kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")}
+        parameters = options_of(self.target)
+        defaults = {name: option.default for name, option in parameters.items()}
+        stem = (self.stem or self.name).format(**defaults | values)
+        name = named_after(scene.name, stem) if scene else stem
+        check_places(**places, names=[name])
+        # The progress bar of a single run names its method.
+        label, seconds = self.name.replace("-", " "), 0.0
+        if self.is_run and scene:
+            run = scene.run
+            label, seconds = stem, (run.settle + run.duration) * run.realizations
+        with contextlib.ExitStack() as opened:
+            with progress(label, seconds) as report:
+                if "progress" in parameters:
+                    values["progress"] = report
+                if self.takes_runner:
+                    # Its folder stays locked until the result's files are written among its own.
+                    running = {**self._running(values), "output": places["output"]}
+                    opening = study_runner(**running, progress=report)
+                    values["runner"] = opened.enter_context(opening)
+                result = self._computed(scene, values, places["json"])
+            self._deliver(result, name, **places)
+        return 1 if self.failed and self.failed(result) else 0
 
     def _scene(self, values: dict[str, Any]) -> Scene | None:
         """The scene that the call names, overrides and seed put in; None where there is none."""
@@ -93,6 +145,12 @@ class Command:
             overrides.append(f"run.seed={values.pop('seed')}")
         return Scene.read(values.pop("scene", scene.default), overrides)
 
+    def _running(self, values: dict[str, Any]) -> dict[str, Any]:
+        """The options of the runner, taken out of those of the function."""
+        running: Any = self.running(values) if self.running else {}
+        given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
+        return running | {name: values.pop(name) for name in given}
+
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
@@ -101,6 +159,36 @@ class Command:
             if option.passing is WORD and option.name in values
         ]
         return self.target(*([] if scene is None else [scene]), *words, **values)
+
+    def _computed(self, scene, values, json):
+        """Compute the result; if the run fails, its partial result is written as JSON."""
+        try:
+            return self._call(scene, values)
+        except SimulationError as error:
+            if json and error.partial is not None:
+                write_result(json, None, "", error.partial)
+            raise
+
+    def _deliver(self, result, name, json, output, report, waveform):
+        title = self.title(result) if callable(self.title) else self.title
+        title = title or self.name.replace("-", " ")
+        show(result, title, json)
+        try:
+            write_result(json, output, name, result)
+        finally:
+            if waveform and result.waveform is None:
+                say(f"{waveform}: not written, as the first realization failed")
+            elif waveform:
+                from harvester.results.files import save
+
+                save(result.waveform, waveform)
+                say(f"written: {waveform}, {result.waveform.said()}")
+            if report:
+                from harvester.base.writing import write_text
+                from harvester.cli.report import page_of
+
+                write_text(report, page_of(result, title))
+                say(f"written: {report}")
 
 
 def named_after(scene: str, stem: str) -> str:
@@ -125,140 +213,3 @@ def _say_costs(scene):
 
     for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
         say(note)
-
-
-@dataclass(frozen=True)
-class StudyCommand(Command):
-    """A command that computes a result, shows it and writes its files.
-
-    A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
-    what draws the progress bar.
-
-    Attributes
-    ----------
-    title : str or callable
-        Title of the table, or a function of the result that returns it; empty: the command's name.
-    stem : str
-        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
-        command's name.
-    failed : callable or None
-        Function that tells from the result whether the exit code is 1.
-    json : bool
-        Whether the command has the option --json.
-    waveform : bool
-        Whether there is --waveform, which gets the result's `waveform`.
-    files : tuple of str
-        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
-        folder gets JSON, figure and tables.
-    running : callable or None
-        Function of the options that gives the runner's settings where the user leaves it out.
-    bar : str
-        Content of the progress bar: "" the runner's tasks if there is a runner, "function" the
-        function's own reports, "simulated time" these with seconds of the scene.
-    """
-
-    title: str | Callable[[Any], str] = ""
-    stem: str = ""
-    failed: Callable[[Any], bool] | None = None
-    json: bool = True
-    waveform: bool = False
-    files: Sequence[str] = ()
-    running: Callable[[dict[str, Any]], RunnerOptions] | None = None
-
-    def options(self) -> Iterator[tuple[Option, str]]:
-        *options, quiet_option = super().options()
-        yield from options
-        if self.json:
-            yield Option.of("json", File), "Write JSON; - for standard output."
-        if not self._takes_runner():
-            yield Option.of("output", Folder), "Folder for JSON and figure."
-        if self.waveform:
-            text = "Write a realization over time (see --window, --node): a .csv, .nc or .png file."
-            yield Option.of("waveform", File), text
-        yield Option.of("report", File), "Write one self-contained HTML page with everything."
-        yield quiet_option
-
-    def run(self, values: dict[str, Any]) -> int:
-        scene = self._scene(values)
-        places = {kind: values.pop(kind, None) for kind in ("json", "report", "waveform")}
-        # The runner's folder is an option of the function.
-        places["output"] = (values.get if self._takes_runner() else values.pop)("output", None)
-        _say_costs(scene)
-        defaults = {name: option.default for name, option in options_of(self.target).items()}
-        stem = (self.stem or self.name).format(**defaults | values)
-        name = named_after(scene.name, stem) if scene else stem
-        check_places(**places, files=self.files or result_files(name))
-        if places["output"] and any(file.endswith(".nc") for file in self.files):
-            from harvester.base.tables import require_xarray
-
-            # Raised now rather than after a long run: the library of these files is missing.
-            require_xarray()
-        # The progress bar of a single simulation names its method.
-        label = stem if self.bar == "simulated time" else self.name
-        with self._opened(label, scene, values) as runner:
-            result = self._computed(scene, values, places["json"])
-            if runner:
-                # The folder is still locked, so that no other run writes its files among these.
-                self._deliver(result, name, runner.folder, **places)
-        if not runner:
-            self._deliver(result, name, None, **places)
-        return 1 if self.failed and self.failed(result) else 0
-
-    def _computed(self, scene, values, json):
-        """Compute the result; if the run fails, its partial result is written as JSON."""
-        try:
-            return self._call(scene, values)
-        except SimulationError as error:
-            if json and error.partial is not None:
-                write_result(json, None, "", error.partial)
-            raise
-
-    def _deliver(self, result, name, folder, json, output, report, waveform):
-        title = self.title(result) if callable(self.title) else self.title
-        title = title or self.name.replace("-", " ")
-        show(result, title, json)
-        try:
-            if not self.files:
-                write_result(json, output, name, result)
-            elif output:
-                result.save(folder)
-                say(f"written to {output}: {', '.join(self.files)}")
-        finally:
-            if waveform and result.waveform is None:
-                say(f"{waveform}: not written, as the first realization failed")
-            elif waveform:
-                result.waveform.save(waveform)
-                say(f"written: {waveform}, {result.waveform.said()}")
-            if report:
-                from harvester.base.writing import write_text
-                from harvester.cli.report import page_of
-
-                write_text(report, page_of(result, title))
-                say(f"written: {report}")
-
-    @contextlib.contextmanager
-    def _opened(
-        self, label: str, scene: Scene | None, values: dict[str, Any]
-    ) -> Iterator[Runner | None]:
-        """Add to the options what runs the study; gives the runner where there is one."""
-        from harvester.cli.console import progress
-
-        parameters, runner = options_of(self.target), None
-        with contextlib.ExitStack() as opened:
-            if "progress" in parameters and (self.bar or not self._takes_runner()):
-                follow = opened.enter_context(progress())
-                values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
-            elif not self._takes_runner():
-                opened.enter_context(progress())(label, None)
-            if self._takes_runner():
-                running: RunnerOptions = self.running(values) if self.running else {}
-                for name in RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}:
-                    running[name] = values.pop(name)  # type: ignore[literal-required]
-                words = None if self.bar else self.name.replace("-", " ")
-                runner = opened.enter_context(study_runner(words, **running))
-                values["runner"] = runner
-            yield runner
-
-    def _takes_runner(self):
-        """Whether the function takes `**running`, the options of a study's runner."""
-        return "time_budget" in options_of(self.target)

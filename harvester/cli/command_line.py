@@ -16,7 +16,7 @@ from cyclopts import (
     UnknownCommandError,
 )
 
-from harvester.base.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
+from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.plain_text import named, nearest
 from harvester.base.signatures import AT_COMMAND_LINE
 from harvester.base.standard_streams import guarded_streams
@@ -92,15 +92,10 @@ def _run(arguments):
     try:
         function, values = parsed(arguments)
         return function(**values) or 0
-    except SimulationError as error:
-        print_error(f"{type(error).__name__}: {error}")
-        return 2 if isinstance(error, LoadChatters) else 1
-    except EngineNotFound as error:
-        print_error(error)
-        return 1
     except HarvesterError as error:
-        print_error(error)
-        return 2
+        kind = f"{type(error).__name__}: " if isinstance(error, SimulationError) else ""
+        print_error(f"{kind}{error}")
+        return error.exit_code
     except KeyboardInterrupt as interrupt:
         print_error(f"interrupted; {str(interrupt) or 'nothing was written'}")
         return 130

@@ -27,6 +27,12 @@ def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
     ----------
     shell : str
         bash, zsh, fish.
+
+    Examples
+    --------
+    ::
+
+        harvester completion bash
     """
     from harvester.cli.table import COMMANDS, app_of
     from harvester.scene.source import built_in_names

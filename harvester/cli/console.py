@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
@@ -24,19 +23,21 @@ LONGEST_TOLD_SECONDS = 1e10
 
 
 @contextlib.contextmanager
-def progress() -> Iterator[Callable]:
-    """A function (label, scene) → callback for the share done; silent when quiet.
+def progress(
+    label: str, simulated_seconds: float = 0.0
+) -> Iterator[Callable[[float, str], object] | None]:
+    """A function of the share done and a few words, which draws a progress bar; None when quiet.
 
-    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
-    terminal there is no bar, but a line on what is left of a run that takes long.
+    With a simulated time the bar shows the rate of it instead of the words. Off a terminal there is
+    no bar, but a line on what is left of a run that takes long.
     """
     console = Console(stderr=True)
     if is_quiet():
-        yield lambda label, scene: None
+        yield None
         return
     if not console.is_terminal:
-        with contextlib.ExitStack() as opened:
-            yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
+        with contextlib.closing(_Lines(label)) as lines:
+            yield lines
         return
     bar = Progress(
         SpinnerColumn(),
@@ -48,26 +49,20 @@ def progress() -> Iterator[Callable]:
         console=console,
         transient=True,
     )
+    task = bar.add_task(label, total=1.0, rate="starting; the first run compiles")
+
+    def update(share, words=""):
+        elapsed = bar.tasks[task].elapsed or 1.0
+        rate = f"{share * simulated_seconds / elapsed:,.0f} s/s" if simulated_seconds else words
+        rate = rate if share else f"{words}: starting; the first run compiles"
+        bar.update(task, completed=share, rate=rate)
+
     # The delay begins now and not at the first report: compilation before it may take long.
     delayed_start = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
-
-    def follow(label, scene):
-        total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
-        task = bar.add_task(label, total=1.0, rate="starting; the first run compiles", start=True)
-        started = time.monotonic()
-
-        def update(share, words=""):
-            elapsed = time.monotonic() - started
-            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
-            rate = rate if share else f"{words}: starting; the first run compiles"
-            bar.update(task, completed=share, rate=rate)
-
-        return update
-
     delayed_start.daemon = True
     delayed_start.start()
     try:
-        yield follow
+        yield update
     finally:
         delayed_start.cancel()
         delayed_start.join()
@@ -77,8 +72,8 @@ def progress() -> Iterator[Callable]:
 class _Lines:
     """Says how far a run is: after a few seconds, then each time its duration has doubled.
 
-    A thread does so where nothing is reported meanwhile. If the reported share falls, a new list of
-    tasks has begun.
+    A thread does so, since nothing may be reported for long. If the reported share falls, a new
+    list of tasks has begun.
     """
 
     def __init__(self, label):
@@ -87,7 +82,7 @@ class _Lines:
         # The speed is measured from the first report on, since the start takes a time of its own.
         self._first = None
         self._started, self._next = time.monotonic(), SAY_AFTER_SECONDS
-        self._saying, self._closed = threading.Lock(), threading.Event()
+        self._closed = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
     def close(self):
@@ -101,26 +96,23 @@ class _Lines:
         if self._first is None or share < self._share:
             self._first = time.monotonic(), share
         self._share, self._words = share, words
-        if share < 1.0:
-            self._say()
 
     def _say(self):
-        with self._saying:
-            now = time.monotonic()
-            elapsed = now - self._started
-            if elapsed < self._next:
-                return
-            self._next = 2.0 * elapsed
-            began, before = self._first or (now, self._share)
-            left, done = self._words, self._share - before
-            if self._share >= 1.0:
-                left = "evaluating the results"
-            elif done > 0.0:
-                left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
-            share = f"{self._share:.2%} " if self._share else ""
-            if not self._share and self._first:
-                left = f"{left}: starting; the first run compiles"
-            print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
+        now = time.monotonic()
+        elapsed = now - self._started
+        if elapsed < self._next:
+            return
+        self._next = 2.0 * elapsed
+        began, before = self._first or (now, self._share)
+        left, done = self._words, self._share - before
+        if self._share >= 1.0:
+            left = "evaluating the results"
+        elif done > 0.0:
+            left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
+        elif self._first and not self._share:
+            left = f"{self._words}: starting; the first run compiles"
+        share = f"{self._share:.2%} " if self._share else ""
+        print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
 
 
 def _duration(seconds):
@@ -141,36 +133,17 @@ def show_view(view: View, title: str, to_stderr: bool = False) -> None:
 
     if is_quiet():
         return
-    console = _console(to_stderr)
+    stream = sys.stderr if to_stderr else sys.stdout
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, soft_wrap=True)
     blocks, footnotes = laid_out(Table(*view.table), console.width)
     for number, block in enumerate(blocks):
-        console.print(one_line(f"{title}, further columns" if number else title), soft_wrap=True)
-        console.print(block)
-    _print_lines(console, footnotes)
+        console.print(one_line(f"{title}, further columns" if number else title))
+        console.print(block, soft_wrap=False)
+    sketched = console.is_terminal and not console.no_color and not console.options.ascii_only
+    sketch = density_sketch(view.methods) if sketched else []
+    for line in footnotes:
+        console.print(one_line(line))
     for line in view.alarms:
-        console.print(one_line(line), soft_wrap=True, style="bold red")
-    if console.is_terminal and not console.no_color and not console.options.ascii_only:
-        _print_lines(console, density_sketch(view.methods))
-    _print_lines(console, view.findings)
-
-
-def show_engine(engine: dict[str, Any], to_stderr: bool = False) -> None:
-    """The library that was found, its features, and whether the compiled device is on."""
-    features = [name for name in ("xspice", "cider", "osdi", "klu") if engine[name]]
-    lines = [
-        f"{engine['version']} from {engine['library']}",
-        f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
-        f"compiled device: {engine['compiled_device_off'] or 'on'}",
-    ]
-    if not is_quiet():
-        _print_lines(_console(to_stderr), lines)
-
-
-def _console(to_stderr):
-    stream = sys.stderr if to_stderr else sys.stdout
-    return Console(file=stream, highlight=False, markup=False, emoji=False)
-
-
-def _print_lines(console, lines):
-    for line in lines:
-        console.print(one_line(line), soft_wrap=True)
+        console.print(one_line(line), style="bold red")
+    for line in (*sketch, *view.findings):
+        console.print(one_line(line))

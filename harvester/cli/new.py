@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from harvester.base.arguments import check_name
 from harvester.base.errors import OutputError, SceneError
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named, nearest, one_line
@@ -63,6 +64,12 @@ def schema(file: File | None = None, /) -> None:
     ----------
     file : str or None
         A file for it (default: standard output).
+
+    Examples
+    --------
+    ::
+
+        harvester schema scene.schema.json
     """
     from harvester.base.writing import write_text
     from harvester.scene.json_schema import json_schema
@@ -84,6 +91,12 @@ def new(
         A new .toml file; - for standard output.
     scene : str or None
         The built-in scene that is copied (default: cantilever).
+
+    Examples
+    --------
+    ::
+
+        harvester new beam.toml --from asymmetric
     """
     from harvester.base.writing import is_standard_output, write_text
 
@@ -117,11 +130,7 @@ def _copied(name):
     """Text of a built-in scene with a head of its own."""
     from harvester.scene.source import BUILT_IN, built_in_names
 
-    names = built_in_names()
-    if name not in names:
-        raise SceneError(
-            f"{named(name)}: no built-in scene{nearest(name, names)}; there are {', '.join(names)}"
-        )
+    check_name("built-in scene", name, built_in_names())
     heading = "".join(f"# {line}\n" for line in [HEAD.format(name), *HINT.splitlines()])
     return f"{heading}\n" + (BUILT_IN / f"{name}.toml").read_text("utf-8")
 

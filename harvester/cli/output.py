@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
@@ -15,31 +14,19 @@ if TYPE_CHECKING:
     from harvester.engines.runner import Runner
     from harvester.results.view import ResultBase
 
-# Endings of the files of a result in its folder.
-RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
-TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv")
-
 
 @contextlib.contextmanager
-def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterator[Runner]:
-    """A runner for the block, with a progress bar; afterwards says what to do next.
-
-    Without a label the study draws a progress bar of its own. See `harvester.open_runner`.
-    """
-    from harvester.cli.console import progress
+def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
+    """A runner for the block, see `harvester.open_runner`; afterwards says what to do next."""
     from harvester.engines.opening import open_runner
 
     try:
-        with progress() as follow:
-            running["progress"] = follow(label, None) if label else None
-            with open_runner(**running) as runner:
-                yield runner
-                for line in runner.warnings:
-                    print_error(line)
-                if runner.out_of_time:
-                    print_error(
-                        "the time budget was spent: the same command goes on where it ended"
-                    )
+        with open_runner(**running) as runner:
+            yield runner
+            for line in runner.warnings:
+                print_error(line)
+            if runner.out_of_time:
+                print_error("the time budget was spent: the same command goes on where it ended")
     except KeyboardInterrupt as interrupt:
         hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None
@@ -50,11 +37,14 @@ def check_places(
     output: str | os.PathLike | None,
     report: str | None = None,
     waveform: str | None = None,
-    files: Iterable[str] = (),
+    names: Iterable[str] = (),
 ) -> None:
-    """Refuse files, and a folder with its future `files`, that cannot be written to."""
+    """Refuse files, and a folder, that cannot be written to.
+
+    `names`: of the results for the folder, whose files are there already from an earlier run.
+    """
     from harvester.base.writing import check_folder, check_writable, in_folder
-    from harvester.results.waveform import check_ending
+    from harvester.results.files import check_ending
 
     if waveform:
         check_ending(waveform)
@@ -63,8 +53,9 @@ def check_places(
     if output:
         folder = os.fspath(output)
         check_folder(folder)
-        for file in files:
-            in_folder(folder, file)
+        for file in os.listdir(folder) if os.path.isdir(folder) else ():
+            if any(file.startswith((f"{name}.", f"{name}-")) for name in names):
+                in_folder(folder, file)
 
 
 def show(result: ResultBase, title: str, json: str | None = None) -> None:
@@ -77,20 +68,12 @@ def show(result: ResultBase, title: str, json: str | None = None) -> None:
     show_view(result.view(), title, to_stderr=is_standard_output(json))
 
 
-def result_files(name: str) -> list[str]:
-    """Names of all files that `write_result` may write."""
-    return [f"{name}{ending}" for ending in (*RESULT_FILES, *TEXT_FILES)]
-
-
 def write_result(
     json: str | None, output: str | os.PathLike | None, name: str, result: ResultBase
 ) -> None:
-    """Write the files that were asked for.
-
-    The folder gets JSON, a CSV table, the figures, the result's own texts and, of a result with
-    axes of its own, NetCDF.
-    """
+    """Write the files that were asked for; those of a folder: see `harvester.save`."""
     from harvester.base.writing import write_json
+    from harvester.results.files import save
 
     # If one place is full, the other still gets the result.
     try:
@@ -98,27 +81,6 @@ def write_result(
             write_json(json, result.to_dict())
     finally:
         if output:
-            _write_folder(os.fspath(output), name, result)
-
-
-def _write_folder(folder, name, result):
-    from harvester.base.tables import write_csv, write_netcdf
-    from harvester.base.writing import in_folder, write_json, write_text
-    from harvester.results import figures
-
-    def file(ending):
-        return in_folder(folder, f"{name}{ending}")
-
-    view = result.view()
-    write_json(file(".json"), result.to_dict())
-    write_csv(file(".csv"), *view.data())
-    # NetCDF is an extra; the other files hold the same.
-    if view.dataset and importlib.util.find_spec("xarray"):
-        write_netcdf(file(".nc"), view.dataset())
-    for ending, text in view.texts().items() if view.texts else ():
-        write_text(file(ending), text)
-    for picture in view.pictures:
-        figure = picture.figure()
-        if figure is not None:
-            figures.write(figure, file(f"{picture.name and '-'}{picture.name}.png"))
-    say(f"written to {folder}: {name}.*")
+            folder = os.fspath(output)
+            save(result, folder, name)
+            say(f"written to {folder}: {name}.*")

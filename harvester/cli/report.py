@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from harvester.results import figures
 from harvester.results.page import (
     all_facts,
-    figure_of,
     page,
     table_in_pages,
     table_of,
@@ -23,12 +21,10 @@ def page_of(result: ResultBase, title: str) -> str:
     if view.page:
         return view.page()
     scene = result.scene
-    waveform = getattr(result, "waveform", None)
-    drawn = [*view.pictures, *(waveform.view().pictures if waveform else ())]
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
-        "Figures": "\n".join(_pictures(drawn, title)),
+        "Figures": "\n".join(filter(None, (picture.html(title) for picture in view.pictures))),
         "How it came about": all_facts(view.findings),
     }
     about = ""
@@ -37,8 +33,3 @@ def page_of(result: ResultBase, title: str) -> str:
         about = f"seed {scene.run.seed}; scene {scene.digest()[:12]}"
         sections["Scene"] = wide(table_of(("key", "value"), scene_rows(scene), "text"))
     return page(title, about, {name: html for name, html in sections.items() if html})
-
-
-def _pictures(pictures, title):
-    for drawing in filter(None, (picture.figure() for picture in pictures)):
-        yield figure_of(figures.image(drawing), title, "")

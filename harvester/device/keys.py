@@ -16,7 +16,7 @@ from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
-from harvester.base.numbers import NotANumber, number
+from harvester.base.numbers import NotANumber, is_real, number
 from harvester.base.plain_text import named, nearest, shown
 
 Declared = TypeVar("Declared", bound="Table")
@@ -265,12 +265,16 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
     # A number in quotes must have a suffix; without one the quotes are a mistake.
-    if isinstance(value, str) and spec.kind is float and value[-1:].isalpha():
+    if (
+        isinstance(value, str)
+        and spec.kind is float
+        and (value[-1:].isalpha() or value.endswith("%"))
+    ):
         try:
-            value = number(value)
+            value = number(value, spec.unit)
         except NotANumber as reason:
             refuse(f": {reason}")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not is_real(value):
         refuse()
     if spec.kind is int and not isinstance(value, int):
         refuse()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.errors import HarvesterError, SimulationError
+from harvester.base.errors import HarvesterError, SimulationError, SolutionDiverged
 from harvester.engines.methods import Engine, engine_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.paths import noise_path
@@ -112,7 +112,7 @@ def follow(
     -------
     ndarray, shape (starts, kept + 1, columns)
         With the columns of `harvester.statistics.stroboscope`; infinite where a start leaves the
-        range of the spring.
+        range of the spring, −infinite where it diverges.
     """
     period = float(scene.excitation.period)  # type: ignore[arg-type]
     lasting = _lasting(scene, periods * period)
@@ -123,7 +123,7 @@ def follow(
     chosen.prepare(prepared_scene)
 
     def sampled(some, number):
-        """The samples of some starts; infinite where one leaves the spring's range."""
+        """The samples of some starts; infinite where one leaves the range or diverges."""
         watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
         observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
@@ -133,11 +133,12 @@ def follow(
                 prepared_scene, paths, [tuple(start) for start in some], observers
             )
         except SimulationError as error:
-            if not leaves_range(prepared_scene, error):
+            leaves = leaves_range(prepared_scene, error)
+            if not (leaves or isinstance(error, SolutionDiverged)):
                 raise
             if len(some) == 1:
-                return [np.full_like(watching[0].samples, np.inf)]
-            # Starts run side by side end together: the halves show which of them left.
+                return [np.full_like(watching[0].samples, np.inf if leaves else -np.inf)]
+            # Starts run side by side end together: the halves show which of them it was.
             half = len(some) // 2
             return sampled(some[:half], number) + sampled(some[half:], number)
         return [strobe.samples for strobe in watching]

@@ -12,7 +12,7 @@ from typing import Literal
 
 from harvester.base.errors import HarvesterError
 from harvester.base.libraries import optional_library
-from harvester.base.signatures import Processes, RunnerOptions, Seconds, check_options
+from harvester.base.signatures import Count, RunnerOptions, Seconds, check_options
 from harvester.base.worker_pool import ExecutorPool, WorkerPool, processes
 from harvester.engines.folder import held
 from harvester.engines.runner import Runner
@@ -25,7 +25,7 @@ __all__ = ["RunnerOptions", "open_runner"]
 def open_runner(
     output: str | os.PathLike | None = None,
     *,
-    workers: Processes | None = None,
+    workers: Count | None = None,
     executor: Executor | WorkerPool | ExecutorPool | None = None,
     scheduler: str | None = None,
     time_budget: Seconds | None = None,

@@ -23,7 +23,6 @@ from harvester.engines.following import (
 )
 from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
 from harvester.scene.paths import distinct_realizations, start_state
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error, susceptance
 from harvester.statistics.attractors import (
     NEARLY_CONVERGED,
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from harvester.engines.methods import Engine
     from harvester.engines.realization import Realization
     from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
 # Motions without a period, those of most starts, whose exponent is looked for: what still settles
@@ -62,16 +62,16 @@ SAME_POWER = 1e-3
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
 
-def several_starts(scene: Scene) -> bool:
+def several_starts(ready: Prepared) -> bool:
     """Whether realizations differ by their starts alone."""
-    excitation = scene.excitation
+    excitation = ready.scene.excitation
     if excitation.random or excitation.prescribes_displacement:
         return False
-    return distinct_realizations(prepared(scene)) > 1
+    return distinct_realizations(ready) > 1
 
 
 def attractors(
-    scene: Scene,
+    ready: Prepared,
     engine: Engine,
     realizations: dict[int, Realization],
     escaped: int,
@@ -93,38 +93,37 @@ def attractors(
     time_limit : float
         Wall-clock limit of one of these (s).
     """
-    prepared_scene = prepared(scene)
     moments = [realization.moments for realization in realizations.values()]
     samples = np.array([realization.stroboscope for realization in realizations.values()])
-    starts = np.array([start_state(prepared_scene, number) for number in realizations])
+    starts = np.array([start_state(ready, number) for number in realizations])
     # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
-    left = MOST_EXPONENTS if scene.run.starts else 0
+    left = MOST_EXPONENTS if ready.scene.run.starts else 0
 
     def exponent(states, members):
         nonlocal left
         left -= 1
         if left < 0:
             return None
-        return _exponent(scene, engine, states, starts, members, pool, time_limit)
+        return _exponent(ready.scene, engine, states, starts, members, pool, time_limit)
 
-    cost, count = step_error(prepared_scene, engine.step, engine.name), len(moments) + escaped
-    motions = [motion for *_, motion in _motions(scene, moments, samples, cost, count, exponent)]
+    cost, count = step_error(ready, engine.step, engine.name), len(moments) + escaped
+    motions = [motion for *_, motion in _motions(ready, moments, samples, cost, count, exponent)]
     unsettled = len(moments) - sum(motion.starts for motion in motions)
     for name, number in ((NOT_SETTLED, unsettled), (ESCAPES, escaped)):
         if number:
             nothing = Group(None, np.zeros(number), np.empty((0, STATE)))
-            motions.append(_attractor(scene, name, nothing, [], cost, count))
+            motions.append(_attractor(ready, name, nothing, [], cost, count))
     return tuple(motions)
 
 
-def _motions(scene, moments, samples, cost, count, exponent=None):
+def _motions(ready, moments, samples, cost, count, exponent=None):
     """Motions of the starts, the most common first: (members, members in the means, Attractor).
 
     With `exponent`, a function of samples and members, motions that have not settled are left out.
     """
     samples = samples[:, ~np.isnan(samples).any(axis=(0, 2))]
     last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
-    periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
+    periodic = bool(ready.scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
     if not last.shape[1]:
         groups = [Group(None, np.array([k]), state) for k, state in enumerate(states)]
     else:
@@ -133,9 +132,9 @@ def _motions(scene, moments, samples, cost, count, exponent=None):
     for group in groups:
         cycle, members, divergence = {}, group.members, None
         if group.period is not None:
-            remains = transients(states[members], memory_of(prepared(scene)))[2]
+            remains = transients(states[members], memory_of(ready))[2]
             if remains.min() <= NEARLY_CONVERGED:
-                cycle = _on_cycle(scene, last[members[[np.argmin(remains)]]], cost)
+                cycle = _on_cycle(ready, last[members[[np.argmin(remains)]]], cost)
                 members = members[_settled(samples[members, :, :STATE], group.period)]
             elif exponent:
                 continue
@@ -146,7 +145,7 @@ def _motions(scene, moments, samples, cost, count, exponent=None):
         if not (exponent or members.size):
             members = group.members
         name, means = orbit_name(len(motions)), [moments[k] for k in members]
-        motion = _attractor(scene, name, group, means, cost, count, periodic, cycle, divergence)
+        motion = _attractor(ready, name, group, means, cost, count, periodic, cycle, divergence)
         motions.append((group.members, members, motion))
     return motions
 
@@ -156,7 +155,7 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    scene
+    ready
         The scene of the realizations that are left.
     moments
         Of the starts on the followed orbit; all under noise.
@@ -165,7 +164,7 @@ class Followed(NamedTuple):
     notes : tuple of str
     """
 
-    scene: Scene
+    ready: Prepared
     moments: list[Moments]
     orbits: tuple[Attractor, ...]
     notes: tuple[str, ...]
@@ -178,35 +177,36 @@ def with_orbit(scene: Scene) -> Scene:
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
-def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
+def followed(ready: Prepared, good: Sequence[dict], cost: float) -> Followed:
     """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 
     `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the share of a
     mean power that the steps may cost.
     """
-    scene = with_orbit(scene)
+    ready = ready.with_run(orbit=with_orbit(ready.scene).run.orbit)
+    run = ready.scene.run
     moments = [realization for part in good for realization in part["moments"]]
-    complete = replace(scene, run=replace(scene.run, realizations=len(moments)))
+    complete = ready.with_run(realizations=len(moments))
     samples = [part["stroboscope"] for part in good]
     if len(moments) == 1 or any(sample is None for sample in samples):
-        notes = (*note_on_repeats(scene), *note_on_one_start(scene))
+        notes = (*note_on_repeats(ready), *note_on_one_start(ready))
         return Followed(complete, moments, (), notes)
-    motions = _motions(scene, moments, np.concatenate(samples), cost, len(moments))
-    if scene.run.orbit == "best":
+    motions = _motions(ready, moments, np.concatenate(samples), cost, len(moments))
+    if run.orbit == "best":
         motions.sort(key=lambda found: -_power(found[-1]))
-    elif scene.run.orbit == "rest":
+    elif run.orbit == "rest":
         motions.sort(key=lambda found: found[0][0])
     orbits = tuple(motion for *_, motion in motions)
-    notes = (*note_on_repeats(scene), on_orbits(scene, orbits))
-    if scene.run.orbit == "weighted":
+    notes = (*note_on_repeats(ready), on_orbits(ready.scene, orbits))
+    if run.orbit == "weighted":
         return Followed(complete, moments, orbits, notes)
     _, members, _ = motions[0]
-    return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
+    return Followed(_alone(ready, len(members)), [moments[k] for k in members], orbits, notes)
 
 
-def note_on_repeats(scene: Scene) -> tuple[str, ...]:
+def note_on_repeats(ready: Prepared) -> tuple[str, ...]:
     """A note that realizations which would repeat another one are not run; empty under noise."""
-    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
+    count, asked = distinct_realizations(ready), ready.scene.run.realizations
     if count == asked:
         return ()
     starts = "there is one" if count == 1 else f"there are {count}, one in each well"
@@ -217,9 +217,9 @@ def note_on_repeats(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def note_on_one_start(scene: Scene) -> tuple[str, ...]:
+def note_on_one_start(ready: Prepared) -> tuple[str, ...]:
     """A note that other starts may reach other motions; empty under noise or if it is linear."""
-    system = prepared(scene).system
+    scene, system = ready.scene, ready.system
     linear = system.spring.straight and not system.contacts and scene.load.is_resistor
     if scene.excitation.random or scene.excitation.prescribes_displacement or linear:
         return ()
@@ -251,10 +251,10 @@ def _power(motion):
     return quantities.get("mean_output_power", quantities["mean_power"]).estimate
 
 
-def _on_cycle(scene, samples, cost):
+def _on_cycle(ready, samples, cost):
     """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
     estimates = {}
-    ready, period = prepared(scene), scene.excitation.period
+    period = ready.scene.excitation.period
     pairs = means_of(samples, period, cost, memory_of(ready), susceptance(ready)).T
     for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
         value, error = map(float, pair)
@@ -272,9 +272,9 @@ def _settled(samples, period):
     return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
 
 
-def _alone(scene, count):
+def _alone(ready, count):
     """The scene of a run of some starts alone."""
-    return replace(scene, run=replace(scene.run, realizations=count, starts=None))
+    return ready.with_run(realizations=count, starts=None)
 
 
 def _exponent(scene, engine, samples, starts, members, pool, time_limit):
@@ -289,12 +289,12 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     return exponent_of(finer, np.concatenate(samples_of_calls), scale)
 
 
-def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
+def _attractor(ready, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
     """One motion with its own means: those of a run of some of its starts, and of its cycle."""
     scaled = {}
     if moments:
-        scaled = run_estimates(prepared(_alone(scene, len(moments))), moments, cost).scaled
-    scales, starts = prepared(scene).scales, group.members.size
+        scaled = run_estimates(_alone(ready, len(moments)), moments, cost).scaled
+    scales, starts = ready.scales, group.members.size
     units = np.array([scales.of("displacement"), scales.of("velocity")])
     return Attractor(
         name=name,
@@ -302,7 +302,7 @@ def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=N
         periodic_drive=periodic,
         starts=starts,
         share=starts / count,
-        share_error=share_error(starts, count) if scene.run.starts else None,
+        share_error=share_error(starts, count) if ready.scene.run.starts else None,
         quantities={
             key: estimate.times(scales.of(estimate.dimension))
             for key, estimate in (scaled | (cycle or {})).items()

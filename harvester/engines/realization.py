@@ -30,6 +30,7 @@ from harvester.statistics.moments import prepare as prepare_moments
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.range_watch import with_range_watch
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.strain_moments import StrainMoments, StrainWatch
 from harvester.statistics.strain_moments import prepare as prepare_strain
 from harvester.statistics.stroboscope import Stroboscope, strobe_times
@@ -202,29 +203,36 @@ def run(
     joint_density, stroboscope : bool
         See `harvester.simulate`.
     """
-    perturbations = _perturbations(scene, engine)
+    prepared_scene = prepared(scene)
+    perturbations = _perturbations(prepared_scene, engine)
     together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
     idle = perturbations if together else ()
     others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
-        realizations = run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
+        realizations = _converged(prepared_scene, engine, others)
     else:
-        realizations = _refined(scene, engine, others)
+        realizations = _refined(prepared_scene, engine, others)
     if perturbations and not together:
-        _run_ensemble(scene, engine, indices, realizations, perturbations)
+        _run_ensemble(prepared_scene, engine, indices, realizations, perturbations)
     return realizations
 
 
-def _perturbations(scene, engine):
+def _converged(prepared_scene, engine, others):
+    """Realizations with the first option of the engine that converges."""
+    return run_converged(prepared_scene, engine, lambda aided: _run(prepared_scene, aided, *others))
+
+
+def _perturbations(prepared_scene, engine):
     """Relative changes of the excitation in an ensemble that shows whether a path is chaotic."""
-    excitation, system = scene.excitation, prepared(scene).system
+    scene, system = prepared_scene.scene, prepared_scene.system
+    excitation = scene.excitation
     one_path = excitation.drifts and not excitation.random and scene.run.starts is None
     linear = system.spring.straight and not system.contacts
     if not one_path or linear or excitation.prescribes_displacement:
         return ()
-    cost, count = step_error(prepared(scene), engine.step, engine.name), len(PERTURBATIONS)
+    cost, count = step_error(prepared_scene, engine.step, engine.name), len(PERTURBATIONS)
     if not scene.load.is_resistor:
-        periods = stop_time(prepared(scene)) * timescales.angular_frequency(system) / math.tau
+        periods = stop_time(prepared_scene) * timescales.angular_frequency(system) / math.tau
         count = NETLIST_PERTURBATIONS if periods < MOST_PERIODS else 0
     return tuple(cost * share for share in PERTURBATIONS[:count])
 
@@ -237,12 +245,12 @@ def _ensemble(ready, indices, perturbations):
     return paths, starts, [empty_moments(ready) for _ in pairs]
 
 
-def _run_ensemble(scene, engine, indices, realizations, perturbations):
+def _run_ensemble(prepared_scene, engine, indices, realizations, perturbations):
     """Set the spread of realizations by perturbed runs, by Monte Carlo if it takes the scene."""
-    prepared_scene, load = prepared(scene), scene.load.circuit
+    load = prepared_scene.scene.load.circuit
     other: Engine = MonteCarlo()
     try:
-        other.check(scene)
+        other.check(prepared_scene.scene)
     except LoadError:
         other = engine
     paths, starts, moments = _ensemble(prepared_scene, indices, perturbations)
@@ -291,13 +299,12 @@ def _spread(ensemble):
     )
 
 
-def _refined(scene, engine, others):
+def _refined(prepared_scene, engine, others):
     """Realizations of a transient, with the change that steps half as long make to their energies.
 
     The phase at which an event meets the motion rests on all steps before it. Default steps become
     up to four times as short until they change less than `RESOLVED`.
     """
-    prepared_scene = prepared(scene)
     spacing = knot_spacing(prepared_scene)
     count = steps_per_sample(prepared_scene, engine.step, engine.name)
     halvings = 2 if engine.step == "default" else int(count == 1)
@@ -306,8 +313,7 @@ def _refined(scene, engine, others):
     for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
         before, step = refined, spacing / steps
         try:
-            finer = replace(engine, step=step)
-            refined = run_converged(scene, finer, lambda aided: _run(scene, aided, *others))
+            refined = _converged(prepared_scene, replace(engine, step=step), others)
         except SimulationError:
             # Steps longer than those asked for may be too long.
             if steps >= count:
@@ -332,7 +338,7 @@ def _change(moments, earlier):
 
 
 def _run(
-    scene,
+    prepared_scene,
     engine,
     indices,
     window,
@@ -343,7 +349,7 @@ def _run(
     perturbations=(),
 ):
     """Simulate realizations once; see `run`. With perturbations their spread is set, too."""
-    prepared_scene = prepared(scene)
+    scene = prepared_scene.scene
     paths = [noise_path(prepared_scene, index) for index in indices]
     moments = [empty_moments(prepared_scene) for _ in indices]
     # Only a netlist has an output side and stores.
@@ -454,6 +460,25 @@ def empty_moments(ready: Prepared) -> Moments:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
     moments.strain = StrainMoments.of(ready, batches)
     return moments
+
+
+def quantity_names(scene: Scene) -> tuple[str, ...]:
+    """Names of the quantities that an engine may give for a scene, without a run.
+
+    They are those of the estimates from moments that are filled with ones.
+    """
+    ready, load = prepared(scene), scene.load.circuit
+    moments = empty_moments(ready)
+    if load:
+        moments.output = OutputMoments.beside(moments, load.recorded, load.has_output)
+        moments.output.stored[:] = 1.0
+    moments.integrals[:], moments.products[:] = moments.batch_length, 1.0
+    moments.first[:], moments.last[:] = 0.0, 1.0
+    moments.last[0] = stop_time(ready)
+    with np.errstate(all="ignore"):
+        estimates = run_estimates(ready, [moments]).whole
+    # Given where the device stores energy from the run's beginning to its end.
+    return tuple(estimates | {"mean_device_storage_power": None})
 
 
 def _period(scene):

@@ -17,7 +17,6 @@ import numpy as np
 from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from harvester.base.errors import NotConverged, SimulatorAborted, SolutionDiverged
 from harvester.engines.methods import Circuit, Engine
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.balance import energy_balance_residual
 from harvester.statistics.measures import CHANGE
@@ -25,7 +24,7 @@ from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
 # Shares of the energies that an option may change, and that its run may leave unaccounted for.
@@ -38,12 +37,12 @@ SHUNTS = 1e-4, 1e-3
 MOST_NAMED = 3
 
 
-def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]:
+def run_converged(ready: Prepared, engine: Engine, simulate: Callable) -> list[Any]:
     """Realizations of `simulate(engine)`, with the first option that converges if it fails.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     engine : Engine
     simulate : callable
         Given an engine, it returns a list of `Realization`.
@@ -56,14 +55,18 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
     try:
         return simulate(engine)
     except (NotConverged, SolutionDiverged) as error:
-        if not isinstance(engine, Circuit) or scene.load.is_resistor or engine.source == "pwl":
+        if (
+            not isinstance(engine, Circuit)
+            or ready.scene.load.is_resistor
+            or engine.source == "pwl"
+        ):
             raise
         failure = error
     tried = []
-    for words, aided, doubled in _options(scene, engine):
+    for words, aided, doubled in _options(ready, engine):
         try:
             realizations = simulate(aided)
-            reason = _too_large(scene, realizations, simulate(doubled) if doubled else realizations)
+            reason = _too_large(ready, realizations, simulate(doubled) if doubled else realizations)
         except (NotConverged, SolutionDiverged):
             tried.append(words)
             continue
@@ -75,7 +78,7 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
                 realization.moments.note = note
             return realizations
         tried.append(f"{words} (refused: {reason})")
-    steep = (source.place for source in scene.load.circuit.elements if source.expression)
+    steep = (source.place for source in ready.scene.load.circuit.elements if source.expression)
     raise SimulatorAborted(
         f"{failure}; tried without success: {'; '.join(tried)}; give the node a capacitor, "
         f"or smooth {', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
@@ -88,15 +91,14 @@ def _trouble(failure):
     return str(failure).partition("trouble with ")[2] or str(failure)
 
 
-def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circuit | None]]:
+def _options(ready: Prepared, engine: Circuit) -> Iterator[tuple[str, Circuit, Circuit | None]]:
     """Each option in words, the engine with it, and with twice its value if it has one."""
-    ready = prepared(scene)
     if engine.scheme != "gear":
         yield "Gear's rule", replace(engine, scheme="gear"), None
     steps = FINER * steps_per_sample(ready, engine.step)
     yield "steps a quarter as long", replace(engine, step=knot_spacing(ready) / steps), None
     values = {"gmin": GMIN}
-    if scene.load.circuit.sources:
+    if ready.scene.load.circuit.sources:
         values = {"ramp": knot_spacing(ready)} | values
     capacitance = ready.network.reference_capacitance
     shunts = [("cshunt", share * capacitance) for share in SHUNTS]
@@ -111,10 +113,10 @@ def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circ
         yield f"Gear's rule and {words}", replace(engine, **one), replace(engine, **two)
 
 
-def _too_large(scene: Scene, realizations: list[Any], doubled: list[Any]) -> str:
+def _too_large(ready: Prepared, realizations: list[Any], doubled: list[Any]) -> str:
     """Why an option that changes the circuit is not used; empty if its effect is negligible."""
     moments, others = ([one.moments for one in runs] for runs in (realizations, doubled))
-    residual = abs(energy_balance_residual(moments, prepared(scene).system))
+    residual = abs(energy_balance_residual(moments, ready.system))
     if not residual <= CONVERGED_RESIDUAL:
         return f"energy balance residual {residual:.1%}"
     change = max(map(_change, moments, others))

@@ -61,9 +61,14 @@ class Runner:
         self._reused: set[str] = set()
         self._circuit = ""
 
-    def report_to(self, progress: Callable[[float, str], object]) -> None:
-        """Report the share done of each further list of tasks to this function alone."""
-        self._progress.report = progress
+    @contextlib.contextmanager
+    def reporting_to(self, progress: Callable[[float, str], object]) -> Iterator[None]:
+        """Within the block, report the share done of each list of tasks to this function alone."""
+        former, self._progress.report = self._progress.report, progress
+        try:
+            yield
+        finally:
+            self._progress.report = former
 
     @property
     def computed(self) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from harvester.base.arguments import check_name as check_name
 from harvester.base.errors import HarvesterError, SimulationError
-from harvester.base.signatures import MethodOrName, Nodes, Processes, Seconds, Step, Window
+from harvester.base.signatures import Count, MethodOrName, Nodes, Seconds, Step, Window
 from harvester.engines.methods import DEFAULTS, Stationary, engine_of
 from harvester.engines.methods import check_step as check_step
 from harvester.scene.calling import takes_scene
@@ -34,7 +34,7 @@ def simulate(
     device: str = "automatic",
     copies: int | None = None,
     step: Step = "default",
-    workers: Processes | None = None,
+    workers: Count | None = None,
     time_limit: Seconds = TIME_LIMIT,
     keep_going: bool = False,
     stroboscope: bool = False,
@@ -122,6 +122,12 @@ def simulate(
     -----
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
+
+    Examples
+    --------
+    ::
+
+        harvester simulate paper --method circuit --set excitation.intensity=0.1 --json -
     """
     options = {
         "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
@@ -138,16 +144,19 @@ def simulate(
 
     engine = engine_of(method, **options)
     engine.check(scene)
-    stretch = spread.stretch_of(scene, window, nodes)
-    follow = spread.Follower(scene, engine.name, progress) if progress else None
+    prepared_scene = prepared(scene)
+    stretch = spread.stretch_of(prepared_scene, window, nodes)
+    follow = spread.Follower(prepared_scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
-            several, prepared_scene = several_starts(scene), prepared(scene)
+            several = several_starts(prepared_scene)
             strobe = stroboscope or several
-            together = spread.optimal_batch_size(scene, engine, pool)
-            calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
+            together = spread.optimal_batch_size(prepared_scene, engine, pool)
+            calls = spread.calls_of(
+                prepared_scene, engine, together, stretch, joint_density, strobe
+            )
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
@@ -160,11 +169,11 @@ def simulate(
             good = {k: o for k, o in enumerate(outcomes) if not isinstance(o, SimulationError)}
             motions: tuple[Attractor, ...] = ()
             if several:
-                motions = attractors(scene, engine, good, len(lost), pool, time_limit)
+                motions = attractors(prepared_scene, engine, good, len(lost), pool, time_limit)
     except SimulationError as error:
-        error.partial = outcome.partial_result(scene, engine, error)
+        error.partial = outcome.partial_result(prepared_scene, engine, error)
         raise
-    result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
+    result = outcome.result_of(prepared_scene, engine, [*good.values()], failures, motions=motions)
     return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
 
 

@@ -16,13 +16,12 @@ from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.methods import Circuit, Engine, MonteCarlo
 from harvester.engines.realization import Realization, WaveformWindow, run
-from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import stop_time
 
 if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
+    from harvester.scene.prepared import Prepared
 
 # If no window is asked for, the waveform has so many periods of small oscillations and at most so
 # many points. A load that switches fast may reach the number of points first.
@@ -41,20 +40,20 @@ def running(
             yield pool
 
 
-def optimal_batch_size(scene: Scene, engine: Engine, pool: Workers) -> int:
+def optimal_batch_size(ready: Prepared, engine: Engine, pool: Workers) -> int:
     """Realizations in one call of an engine: its option `copies`, else the fastest number."""
-    count = distinct_realizations(prepared(scene))
+    count = distinct_realizations(ready)
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
-        return side_by_side.together(count, workers) if scene.load.is_resistor else 1
+        return side_by_side.together(count, workers) if ready.scene.load.is_resistor else 1
     if not isinstance(engine, Circuit):
         return 1
     if engine.copies:
         return engine.copies
     shared = engine.step, engine.source, engine.tolerance
-    if count == 1 or not side_by_side.share_steps(prepared(scene), *shared):
+    if count == 1 or not side_by_side.share_steps(ready, *shared):
         return 1
-    (device,) = pool.map(_device_used, [{"ready": prepared(scene), "device": engine.device}])
+    (device,) = pool.map(_device_used, [{"ready": ready, "device": engine.device}])
     return side_by_side.copies(count, device)
 
 
@@ -66,7 +65,7 @@ def _device_used(ready, device, report):
 
 
 def calls_of(
-    scene: Scene,
+    ready: Prepared,
     engine: Engine,
     copies: int,
     stretch: WaveformWindow | None,
@@ -74,10 +73,10 @@ def calls_of(
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.engines.realization.run`, `copies` realizations in each."""
-    indices = range(distinct_realizations(prepared(scene)))
+    indices = range(distinct_realizations(ready))
     return [
         {
-            "scene": scene,
+            "scene": ready.scene,
             "engine": engine,
             "indices": list(indices[start : start + copies]),
             "window": None,
@@ -90,12 +89,13 @@ def calls_of(
 
 
 def stretch_of(
-    scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]
+    ready: Prepared, window: Sequence[float] | str | None, nodes: Sequence[str]
 ) -> WaveformWindow:
     """The part of the first realization that is kept as the result's waveform.
 
     Raises HarvesterError for a window without a length or a node that the load does not have.
     """
+    scene = ready.scene
     nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
         raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
@@ -104,8 +104,7 @@ def stretch_of(
         from circuits.netlist.measurement import probes_of
 
         probes = probes_of(scene.load.circuit, nodes)
-    prepared_scene = prepared(scene)
-    end = stop_time(prepared_scene)
+    end = stop_time(ready)
     if window == "all":
         window = (0.0, math.inf)
     if window is not None:
@@ -119,7 +118,7 @@ def stretch_of(
             raise HarvesterError(f"--window {start:g}:{stop:g}: the run ends at {end:g} s")
         return WaveformWindow(start, stop, probes=probes)
     start, stop = scene.run.settle, end
-    rate = timescales.angular_frequency(prepared_scene.system)
+    rate = timescales.angular_frequency(ready.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
     return WaveformWindow(start, stop, MOST_POINTS, probes)
@@ -161,10 +160,10 @@ def outcomes(
 class Follower:
     """Computes the progress of all realizations from their reports."""
 
-    def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
+    def __init__(self, ready: Prepared, method: str, progress: Callable[[float, str], object]):
         self._method = method
-        count = distinct_realizations(prepared(scene))
-        self._total = (scene.run.settle + scene.run.duration) * count
+        run = ready.scene.run
+        self._total = (run.settle + run.duration) * distinct_realizations(ready)
         self._reached: dict[int, float] = {}
         self._progress = progress
 

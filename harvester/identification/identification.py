@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.formatting import share_with_error, with_error
+from harvester.base.formatting import NOT_KNOWN, share_with_error, span, with_error, written
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
@@ -178,13 +178,14 @@ class Identification(ResultBase):
         for key, value in self.values.items():
             low, high = self.intervals[key]
             half = 0.5 * (high - low)
-            share = f"{half / abs(value):.2%}" if value else "—"
+            share = written(half / abs(value), ".2%") if value else NOT_KNOWN
             state = self._state(key)
-            rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
+            printed = written(value, ".6g", "", self.standard_errors[key])
+            rows.append([key, state, printed, span(low, high, "", 6), share])
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
-                row.append(f"{low:.6g} … {high:.6g}")
+                row.append(span(low, high, "", 6))
         return header, rows
 
     def _records(self):
@@ -350,7 +351,7 @@ class Identification(ResultBase):
 
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
-        from harvester.results import figures, page
+        from harvester.results import page
 
         first, *others = self._findings()
         verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]
@@ -359,15 +360,14 @@ class Identification(ResultBase):
             for model in self.candidates
         ]
         name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
-        proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
         sections = {
             "Verdict": page.verdict_list(verdicts),
             "Values": page.wide(page.table_of(*self._table())) + page.facts(LEGEND),
-            "Figures": proof,
+            "Figures": Picture(draw, self).html(f"{name}: proof", CAPTION),
         }
         if self.posterior:
-            picture = figures.picture(draw_posterior, self)
-            sections["Posterior"] = page.figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
+            picture = Picture(draw_posterior, self)
+            sections["Posterior"] = picture.html(f"{name}: posterior", POSTERIOR_CAPTION)
         sections["Models"] = page.wide(page.table_of(("model", "values", "NRMSE"), models))
         sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
         about = f"scene {self.scene.digest()[:12]}"

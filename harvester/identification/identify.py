@@ -97,6 +97,12 @@ def identify(
         A record or a key is not usable.
     IdentificationError
         The records do not determine the values asked for.
+
+    Examples
+    --------
+    ::
+
+        harvester identify device --record shaker.csv load.resistance=1e5 --output identified
     """
     from harvester.device.keys import computed
     from harvester.identification import checks

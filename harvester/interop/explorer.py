@@ -278,10 +278,11 @@ def _drawn(view):
     across = halves[0].subgridspec(1, len(result.densities), wspace=0.28)
     for column, name in enumerate(result.densities):
         axes = figure.add_subplot(across[column])
-        draw_density(axes, result, name, MONTE_CARLO, "-", "Monte Carlo")
+        draw_density(axes, result, name, "Monte Carlo", colour=MONTE_CARLO)
         if name in view.outline:
             solver = replace(result, densities=view.outline)
-            draw_density(axes, solver, name, LINES["fokker_planck"][0], ":", "stationary solver")
+            colour = LINES["fokker_planck"][0]
+            draw_density(axes, solver, name, "stationary solver", colour=colour, line=":")
         axes.set_xlabel(axis_label(result, name))
         axes.set_ylim(bottom=0.0)
         axes.locator_params(axis="x", nbins=5)

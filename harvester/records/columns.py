@@ -125,13 +125,16 @@ class MeasuredFile:
                     f"{key}{self._behind}"
                 )
             return candidates[0] if candidates else None
-        index = column_named(stated, names) if isinstance(stated, str) else stated
+        index = column_named(stated, names, quantity) if isinstance(stated, str) else stated
         if index is None or not 0 <= index < len(names):
             listed = self.listed() if any(names) else f"no header, only columns {self.listed()}"
             raise SceneError(
                 f"{self.where}: {key.partition('=')[0]} = {shown(stated)}: no such column"
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
+        if names[index] and not self.headings[index].unit:
+            # A title that names no quantity is told by the setting what it holds.
+            self.headings[index] = heading(names[index], quantity)
         fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
             fault = "holds complex numbers, a frequency response, which identify reads"

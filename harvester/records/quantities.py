@@ -290,13 +290,16 @@ def is_unit(text: str) -> bool:
     return any(unit_named(quantity, bare) for quantity in QUANTITIES)
 
 
-def column_named(column: str, names: Collection[str]) -> int | None:
+def column_named(column: str, names: Collection[str], quantity: str = "") -> int | None:
     """Index of a column by its whole name, or by its title if only one column has it.
 
-    None where there is no such column.
+    `quantity`: what the column holds. None where there is no such column.
     """
     listed = list(names)
     if column and column in listed:
         return listed.index(column)
-    titles = [heading(name).title for name in listed]
-    return titles.index(column) if column and titles.count(column) == 1 else None
+    for expected in ("", quantity):
+        titles = [heading(name, expected).title for name in listed]
+        if column and titles.count(column) == 1:
+            return titles.index(column)
+    return None

@@ -228,7 +228,9 @@ def _form_of(lines):
         if best:
             seen.append(best)
     if not seen:
-        raise ValueError("its last lines hold no numbers")
+        raise ValueError(
+            "its last lines hold no numbers: samples are to stand below the heading, one a line"
+        )
     widths = Counter((form.separator, len(form.kinds)) for form in reversed(seen))
     separator, width = widths.most_common(1)[0][0]
     alike = [form.kinds for form in seen if len(form.kinds) == width]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.base.formatting import quantity
+from harvester.base.formatting import quantity, written
 from harvester.device import timescales
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.summary import draw, remarks, rows
@@ -14,6 +14,8 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+
+COLUMNS = ("quantity", "equation", "value", "unit")
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,9 +34,8 @@ class BeamValues(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        header = ["quantity", "equation", "value", "unit"]
-        return header, [
-            [name, equation, f"{value:.5g}", unit]
+        return [*COLUMNS], [
+            [name, equation, written(value, ".5g", unit), unit]
             for name, equation, value, unit in rows(self.beam)
         ]
 
@@ -66,6 +67,5 @@ class BeamValues(ResultBase):
         return sentences
 
     def to_dict(self) -> dict[str, Any]:
-        keys = ("quantity", "equation", "value", "unit")
-        values = [dict(zip(keys, row, strict=True)) for row in rows(self.beam)]
+        values = [dict(zip(COLUMNS, row, strict=True)) for row in rows(self.beam)]
         return {"scene": self.scene.to_dict(), "values": values, "notes": self._findings()}

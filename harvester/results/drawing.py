@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import set_title
+from harvester.results.panels import Panel, Series, draw_panels, draw_series
 from harvester.statistics.estimate import Density
 
 if TYPE_CHECKING:
@@ -29,30 +30,27 @@ FEWEST_BINS = 40
 
 def draw_result(result: Any) -> Figure | None:
     """Draw the densities of a `harvester.results.result.Result` and the fit to a record."""
-    from matplotlib.figure import Figure
-
-    fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
-    strobed = result.stroboscope is not None and result.stroboscope.shape[1] > 0
-    panels = len(result.densities) + fitted + strobed
-    if not panels:
-        return None
-    figure = Figure(figsize=(3.0 * panels, 2.6))
-    for column, name in enumerate(result.densities):
-        axes = figure.add_subplot(1, panels, column + 1)
-        draw_density(axes, result, name, CIRCUIT, "-", None)
-        axes.set_xlabel(axis_label(result, name))
-        axes.set_ylabel(density_label(result, name))
-        axes.set_ylim(bottom=0.0)
-        frame(axes, [result], name)
-    if fitted:
-        _draw_fit(figure.add_subplot(1, panels, panels - strobed), result)
-    if strobed:
-        _draw_section(figure.add_subplot(1, panels, panels), result)
-    set_title(figure, f"{result.scene.name}: {result.engine}")
-    return figure
+    panels = [
+        Panel(
+            axis_label(result, name),
+            density_label(result, name),
+            [density_series(result, name, colour=CIRCUIT)],
+            from_zero=True,
+            more=partial(frame, results=[result], name=name),
+        )
+        for name in result.densities
+    ]
+    if result.spectrum_fit is not None and result.spectrum_fit.frequency.size:
+        panels.append(_fit_panel(result))
+    if result.stroboscope is not None and result.stroboscope.shape[1]:
+        x_label, y_label = (axis_label(result, name) for name in ("displacement", "velocity"))
+        draw = partial(_draw_section, result)
+        panels.append(Panel(x_label, y_label, (), "stroboscopic section", more=draw))
+    title = f"{result.scene.name}: {result.engine}"
+    return draw_panels(panels, title, (3.0, 2.6), columns=len(panels)) if panels else None
 
 
-def _draw_section(axes, result):
+def _draw_section(result, axes):
     """Draw the stroboscopic section: points in a colour for each orbit; under noise a density."""
     x, v = result.section().reshape(-1, 2).T
     if result.scene.excitation.random:
@@ -61,46 +59,45 @@ def _draw_section(axes, result):
         for orbit in result.attractors:
             label = f"{orbit.name}: {orbit.share:.1%}"
             axes.plot(*orbit.points.T, "o" if orbit.period else ".", markersize=3.0, label=label)
-        axes.legend(fontsize=6)
     else:
         axes.plot(x, v, ".", color=CIRCUIT, markersize=2.0)
-    axes.set_xlabel(axis_label(result, "displacement"))
-    axes.set_ylabel(axis_label(result, "velocity"))
-    axes.set_title("stroboscopic section", fontsize=8)
     axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
-def _draw_fit(axes, result):
+def _fit_panel(result):
     """The record's spectral density, the noise fitted to it, and the device's frequency."""
     fit = result.spectrum_fit
-    axes.loglog(fit.frequency, fit.density, color="0.6", linewidth=0.8, label="record")
     label = f"fit: D = {fit.intensity:.3g}, τ1 = {fit.correlation_time:.3g} s"
-    axes.loglog(fit.frequency, fit.fitted, color=CIRCUIT, label=label)
-    axes.axvline(fit.device_frequency, color="0.3", linestyle=":", linewidth=0.9, label="device")
-    axes.set_xlabel("frequency [Hz]")
-    unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
-    axes.set_ylabel(f"density [{unit}]")
-    # The legend stands above the axes, since a spectrum fills them.
-    axes.legend(fontsize=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return Panel(
+        "frequency [Hz]",
+        f"density [{'(m/s²)²/Hz' if result.scene.units == 'SI' else 'scaled'}]",
+        [
+            Series(fit.frequency, fit.density, "record", "0.6", width=0.8),
+            Series(fit.frequency, fit.fitted, label, CIRCUIT),
+        ],
+        log_x=True,
+        log_y=True,
+        more=partial(mark_frequency, frequency=fit.device_frequency, label="device"),
+    )
 
 
-def draw_density(
-    axes: Axes,
-    result: Any,
-    name: str,
-    colour: str,
-    style: str,
-    label: str | None,
-    width: float | None = None,
-) -> None:
-    """One density in the scene's units, with a band of two standard errors."""
+def mark_frequency(axes: Axes, frequency: float, label: str) -> None:
+    """A dotted line at a frequency of the device."""
+    axes.axvline(frequency, color="0.3", linestyle=":", linewidth=0.9, label=label)
+
+
+def density_series(result: Any, name: str, **style: Any) -> Series:
+    """One density in the scene's units, with a band of two standard errors; see `Series`."""
     density = _merged(result, name)
     unit = result.scales.of(density.dimension)
-    centre, values = density.centre * unit, density.density / unit
-    if density.standard_error is not None:
-        band = 2.0 * density.standard_error / unit
-        axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
-    axes.plot(centre, values, style, color=colour, label=label, linewidth=width)
+    error = density.standard_error
+    band = None if error is None else 2.0 * error / unit
+    return Series(density.centre * unit, density.density / unit, band=band, **style)
+
+
+def draw_density(axes: Axes, result: Any, name: str, label: str | None, **style: Any) -> None:
+    """Draw one density into axes; see `density_series`."""
+    draw_series(axes, density_series(result, name, label=label, **style))
 
 
 def _merged(result, name):
@@ -149,5 +146,5 @@ def density_label(result: Any, name: str) -> str:
     """ "probability density [1/m]" of a dimension."""
     unit = result.unit(name)
     if unit.startswith("scaled"):
-        return "probability density"
+        return "probability density [scaled]"
     return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"

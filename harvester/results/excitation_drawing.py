@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.results.drawing import mark_frequency
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import set_title
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -26,24 +28,21 @@ LEAST_SHARE = 1e-8
 
 def draw_spectrum(scene: Scene) -> Figure:
     """Spectral density of the first realization's excitation, and where the device resonates."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 2.6))
-    axes = figure.add_subplot()
-    prepared_scene = prepared(scene)
     frequency, density = excitation_spectrum(scene)
     seen = density > LEAST_SHARE * density.max()
-    axes.loglog(frequency[seen], density[seen], color=CIRCUIT, linewidth=0.9, label="excitation")
-    resonance = timescales.angular_frequency(prepared_scene.system) / (2.0 * np.pi)
-    if resonance > 0.0:
-        axes.axvline(resonance, color="0.3", linestyle=":", label="device, small oscillations")
     what = "displacement" if scene.excitation.prescribes_displacement else "acceleration"
     unit = "m²/Hz" if what == "displacement" else "(m/s²)²/Hz"
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"{what} [{unit if scene.units == 'SI' else 'scaled'}]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    set_title(figure, f"{scene.name}: spectral density of the excitation")
-    return figure
+    resonance = timescales.angular_frequency(prepared(scene).system) / (2.0 * np.pi)
+    mark = partial(mark_frequency, frequency=resonance, label="device, small oscillations")
+    panel = Panel(
+        "frequency [Hz]",
+        f"{what} [{unit if scene.units == 'SI' else 'scaled'}]",
+        [Series(frequency[seen], density[seen], "excitation", CIRCUIT, width=0.9)],
+        log_x=True,
+        log_y=True,
+        more=mark if resonance > 0.0 else None,
+    )
+    return draw_panels([panel], f"{scene.name}: spectral density of the excitation", (4.8, 2.3))
 
 
 def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

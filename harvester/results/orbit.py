@@ -17,8 +17,9 @@ from harvester.statistics.estimate import Estimate
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNDETERMINED = "not settled", "no period: chaotic or not settled"
 NO_PERIOD = "no period"
-# What starts do that reach no steady motion: the last two of a load's store and of the mass.
-UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "escapes"
+# What starts do that reach no steady motion: a load's store, the mass, the numbers.
+CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
+UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
     NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
     "longer (--periods, or run.settle)",
@@ -26,6 +27,7 @@ REASONS = {
     "capacitance, which changes little but its ripple, or begin within 0.1 % of its steady voltage "
     "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
+    DIVERGES: "the values overflow: begin closer to the rest position, or choose a shorter --step",
 }
 
 

@@ -187,7 +187,7 @@ def _tick(value):
 
 def _draw_panel(axes, panel):
     for series in panel.series:
-        _draw_series(axes, series)
+        draw_series(axes, series)
     if panel.more:
         panel.more(axes)
     if panel.log_x:
@@ -202,7 +202,8 @@ def _draw_panel(axes, panel):
     axes.set_title(panel.title)
 
 
-def _draw_series(axes, series):
+def draw_series(axes: Axes, series: Series) -> None:
+    """Draw one series into axes."""
     x, y = np.asarray(series.x), np.asarray(series.y)
     # Error bars of length 0 would show as caps.
     has_bars = series.bars is not None and np.any(series.bars)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from harvester.base.formatting import (
 )
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import nearest, shown
-from harvester.base.serialising import NotAValue, plain, read
+from harvester.base.serialising import LEFT_OUT, NotAValue, fields_of, values_of
 from harvester.base.symbols import definitions
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.results import joint_drawing
@@ -30,6 +30,7 @@ from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
 from harvester.results.view import Picture, ResultBase, View
 from harvester.results.waveform import Waveform
+from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
@@ -48,29 +49,7 @@ if TYPE_CHECKING:
 LARGER_ERROR = 1.5
 # Why a value has an error of 0.
 CONSTANT = "constant in the run: the load or the scene fixes it"
-# Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
 ERROR_KINDS = ("statistical", "numerical")
-_IN_JSON = (
-    "engine",
-    "engine_version",
-    "outcome",
-    "quantities",
-    "scaled_quantities",
-    "scales",
-    "error_kind",
-    "energy_balance_residual",
-    "wall_seconds",
-    "engine_seconds",
-    "simulated_time",
-    "steps",
-    "step",
-    "step_error",
-    "realizations",
-    "seed",
-    "netlist_sha256",
-    "notes",
-    "failures",
-)
 
 
 @dataclass(frozen=True, repr=False)
@@ -132,7 +111,7 @@ class Result(ResultBase):
         the run early.
     """
 
-    scene: Scene
+    scene: Scene = field(metadata=LEFT_OUT)
     engine: str
     scaled_quantities: dict[str, Estimate]
     scales: Scales
@@ -147,16 +126,16 @@ class Result(ResultBase):
     engine_version: str
     netlist_sha256: str | None
     notes: tuple[str, ...] = ()
-    densities: dict[str, Density] = field(default_factory=dict)
-    joint_density: JointDensity | None = None
-    waveform: Waveform | None = None
+    densities: dict[str, Density] = field(default_factory=dict, metadata=LEFT_OUT)
+    joint_density: JointDensity | None = field(default=None, metadata=LEFT_OUT)
+    waveform: Waveform | None = field(default=None, metadata=LEFT_OUT)
     failures: dict[int, str] = field(default_factory=dict)
-    moments: list[Moments] = field(default_factory=list)
-    spectrum_fit: SpectrumFit | None = None
+    moments: list[Moments] = field(default_factory=list, metadata=LEFT_OUT)
+    spectrum_fit: SpectrumFit | None = field(default=None, metadata=LEFT_OUT)
     outcome: str = "complete"
     step_error: float | None = None
-    stroboscope: np.ndarray | None = None
-    attractors: tuple[Attractor, ...] = ()
+    stroboscope: np.ndarray | None = field(default=None, metadata=LEFT_OUT)
+    attractors: tuple[Attractor, ...] = field(default=(), metadata=LEFT_OUT)
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
@@ -197,26 +176,23 @@ class Result(ResultBase):
 
         Densities, waveform and moments are left out: see `density_table` and `to_xarray`.
         """
-        return plain(
-            {
-                **{name: getattr(self, name) for name in _IN_JSON},
-                "quantities": {
-                    name: estimate.to_dict(self.unit(estimate.dimension))
-                    for name, estimate in self.quantities.items()
-                },
-                "scaled_quantities": {
-                    name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
-                    for name, estimate in self.scaled_quantities.items()
-                },
-                **(
-                    {"attractors": [attractor.to_dict(self.unit) for attractor in self.attractors]}
-                    if self.attractors
-                    else {}
-                ),
-                **({"spectrum_fit": self.spectrum_fit} if self.spectrum_fit else {}),
-                "scene": self.scene,
-            }
-        )
+        content = {
+            **fields_of(self),
+            "quantities": {
+                name: estimate.to_dict(self.unit(estimate.dimension))
+                for name, estimate in self.quantities.items()
+            },
+            "scaled_quantities": {
+                name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
+                for name, estimate in self.scaled_quantities.items()
+            },
+            "seed": self.seed,
+        }
+        if self.attractors:
+            content["attractors"] = [orbit.to_dict(self.unit) for orbit in self.attractors]
+        if self.spectrum_fit:
+            content["spectrum_fit"] = self.spectrum_fit.to_dict()
+        return {**content, "scene": self.scene.to_dict()}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
@@ -305,7 +281,11 @@ class Result(ResultBase):
             self._table(),
             self._findings(),
             headline=headline(self),
-            pictures=[Picture(draw_result, self), Picture(joint_drawing.draw, [self], "joint")],
+            pictures=[
+                Picture(draw_result, self),
+                Picture(joint_drawing.draw, [self], "joint"),
+                *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
+            ],
             records=self._records,
             dataset=self._dataset,
             texts=lambda: {"-densities.csv": self.density_table()},
@@ -328,13 +308,12 @@ class Result(ResultBase):
         rows = []
         for name, estimate in printed.items():
             factor, unit = self.in_print(name, estimate)
-            text, error = with_error(estimate.times(factor)), estimate.standard_error
             harvested = " (harvested)" * (name == "mean_output_power" and USED in printed)
             rows.append(
                 [
                     name.replace("_", " ") + harvested,
                     unit,
-                    Printed(text, estimate.estimate, error, self.unit(estimate.dimension)),
+                    self.printed(estimate, factor),
                     *([] if numerical else [count(estimate.effective_sample_size)]),
                     *[reasons[name]] * bare,
                 ]
@@ -362,6 +341,11 @@ class Result(ResultBase):
             return 100.0, "%"
         return prefixed(largest(estimate), self.unit(estimate.dimension))
 
+    def printed(self, estimate: Estimate, factor: float) -> Printed:
+        """One of `quantities` as printed with the factor of `in_print`."""
+        text, unit = with_error(estimate.times(factor)), self.unit(estimate.dimension)
+        return Printed(text, estimate.estimate, estimate.standard_error, unit)
+
     def _findings(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
         return [
@@ -382,15 +366,14 @@ class Result(ResultBase):
         label : str or None
             Label in the legend (default: the method).
         **style
-            `colour` and `line`, as matplotlib has them.
+            `colour`, `line`, `width`, as matplotlib has them.
         """
         if name not in self.densities:
             raise UnknownQuantity(
                 f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
                 f"there are {', '.join(self.densities) or 'none'}"
             )
-        colour = style.pop("colour", f"C{len(axes.lines)}")
-        draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
+        draw_density(axes, self, name, label or self.engine, **style)
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def section(self) -> np.ndarray:
@@ -461,25 +444,12 @@ def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
 
 def _result_of(kind, content, folder):
     """See `Result.from_dict`; raises NotAValue, KeyError, TypeError or AttributeError."""
-    hints = get_type_hints(kind)
-    values = {
-        name: read(hints[name], content[name], name)
-        for name in _IN_JSON
-        if name not in ("quantities", "seed", "step_error")
-    }
-    values["step_error"] = read(float | None, content.get("step_error"), "step_error")
+    values = values_of(kind, content, "result")
     for name, estimate in values["scaled_quantities"].items():
         # A known quantity and a whole power of it, such as "voltage^2".
         base, power, exponent = estimate.dimension.partition("^")
         if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
-            where = f"scaled_quantities.{name}.dimension"
-            raise NotAValue(f"{where} = {shown(estimate.dimension)}: is no dimension")
-    for name, value in vars(values["scales"]).items():
-        if name not in content["scales"]:
-            raise NotAValue(f"scales.{name} is missing")
-        if not 0.0 < value < math.inf:
-            raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
-    for name, estimate in values["scaled_quantities"].items():
+            raise NotAValue(f"{name}: {shown(estimate.dimension)} is no dimension")
         for key in ("standard_error", "effective_sample_size"):
             _check_size(getattr(estimate, key), f"scaled_quantities.{name}.{key}")
     for name in ("simulated_time", "wall_seconds", "engine_seconds", "step", "step_error"):
@@ -487,10 +457,8 @@ def _result_of(kind, content, folder):
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
         raise NotAValue("simulated_time or error_kind is none")
     scene = Scene.from_dict(content["scene"], folder)
-    computed = vars(scale(scene)[1])
-    if not all(
-        math.isclose(computed[k], stored, rel_tol=1e-9) for k, stored in content["scales"].items()
-    ):
+    stored, computed = vars(values["scales"]), vars(scale(scene)[1])
+    if not all(math.isclose(computed[k], stored[k], rel_tol=1e-9) for k in computed):
         raise NotAValue(f"scales: the scene's are {computed}")
     fit = content.get("spectrum_fit")
     result = kind(
@@ -498,9 +466,9 @@ def _result_of(kind, content, folder):
         scene=scene,
         spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
     )
-    again = result.to_dict()
-    for name in _IN_JSON:
-        if name in content and content[name] != again[name]:
+    written = result.to_dict()
+    for name in written.keys() - {"attractors", "scene", "spectrum_fit"}:
+        if content.get(name) != written[name]:
             raise NotAValue(f"{name} is not what the other values say, or not finite")
     return result
 

@@ -48,7 +48,8 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
             justify: Literal["left", "right"] = "left" if words else "right"
-            block.add_column(header[k], justify=justify, width=widths[k] + wider, overflow="fold")
+            heading = _folded(header[k], widths[k] + wider)
+            block.add_column(heading, justify=justify, width=widths[k] + wider, overflow="fold")
         for row in rows:
             block.add_row(*(row[k] for k in columns))
         blocks.append(block)
@@ -61,18 +62,29 @@ def _widths(header, rows, keys, width):
         max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
     ]
     # Long keys are broken between their words until the table fits or they take half of the width.
+    least = [
+        max(
+            NARROWEST_KEY, *map(_longest_word, [header[k].replace(".", " "), *(r[k] for r in rows)])
+        )
+        for k in range(keys)
+    ]
     while (
         MARGIN + sum(widths) + GAP * len(widths) > width
         and sum(widths[:keys]) + GAP * keys > width // 2
-        and max(widths[:keys]) > NARROWEST_KEY
+        and any(widths[k] > least[k] for k in range(keys))
     ):
-        widths[widths.index(max(widths[:keys]))] -= 1
+        widths[max(range(keys), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
     # A column that does not fit beside the keys is broken between its words too.
     left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
     for k in range(keys, len(header)):
         words = max((_longest_word(row[k]) for row in rows), default=1)
         widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
     return widths
+
+
+def _folded(name, width):
+    """A heading, broken behind its dots if one of its words is wider than the column."""
+    return name.replace(".", ".\n") if _longest_word(name) > width else name
 
 
 def _key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import Printed
+from harvester.base.formatting import NOT_KNOWN, Printed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import json_text, named, nearest, one_line
 from harvester.base.serialising import fields_of
@@ -63,6 +63,14 @@ class Picture:
         """The figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
+    def html(self, alternative: str = "", caption: str = "") -> str:
+        """The figure within a page; empty if there is nothing to draw."""
+        from harvester.results.page import figure_of
+
+        figure = self.figure()
+        alternative = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
+
 
 @dataclass(frozen=True)
 class View:
@@ -82,6 +90,8 @@ class View:
         The main figure first.
     records : callable or None
         Returns the Table of all numbers, one record a row, where `table` shows a selection.
+    is_series : bool
+        Whether a data frame has the records, as they are a curve that the table sums up.
     dataset : callable or None
         Returns the xarray Dataset on the result's own axes.
     texts : callable or None
@@ -98,6 +108,7 @@ class View:
     alarms: Sequence[str] = ()
     pictures: Sequence[Picture] = ()
     records: Callable[[], Table | tuple] | None = None
+    is_series: bool = False
     dataset: Callable[[], Dataset] | None = None
     texts: Callable[[], Mapping[str, str]] | None = None
     page: Callable[[], str] | None = None
@@ -110,7 +121,11 @@ class View:
 
     def data(self) -> Table:
         """The records, or the table with the values of its printed numbers."""
-        return Table(*self.records()) if self.records else _expanded(*self.table)
+        return Table(*self.records()) if self.records else self.values()
+
+    def values(self) -> Table:
+        """The table, or the curve that it sums up, with the values of its printed numbers."""
+        return self.data() if self.is_series and self.records else _expanded(*self.table)
 
 
 class ResultBase(ABC):
@@ -174,14 +189,16 @@ class ResultBase(ABC):
         write_csv(path, *self.data())
 
     def to_dataframe(self) -> DataFrame:
-        """The rows of `data` as a pandas DataFrame.
+        """The rows of `table` as a pandas DataFrame, or the points of a curve that it sums up.
+
+        A number's error has a column of its own.
 
         Raises
         ------
         MissingLibrary
             pandas, of the extra `study`.
         """
-        header, rows = self.data()
+        header, rows = self.view().values()
         name = f"{type(self).__name__}.to_dataframe"
         return optional_library("pandas", name, "study").DataFrame(rows, columns=list(header))
 
@@ -224,42 +241,50 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *map(shown_in_notebook, view.pictures),
+            *(picture.html() for picture in view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
 
 
-def shown_in_notebook(picture: Picture, caption: str = "") -> str:
-    """A picture as HTML; empty if there is nothing to draw."""
-    from harvester.results.page import figure_of
-
-    figure = picture.figure()
-    name = picture.name or "figure"
-    return "" if figure is None else figure_of(figures.image(figure), name, caption)
-
-
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     """A table for people as one of values: a number's error gets a column of its own."""
-    names: list[str] = []
-    columns: list[list[Any]] = []
+    columns: dict[str, list[Any]] = {}
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]
         printed = [cell for cell in cells if isinstance(cell, Printed)]
-        units = {cell.unit for cell in printed if cell.unit and math.isfinite(cell.value)}
-        bare, unit = _name_and_unit(name)
-        unit = unit or (units.pop() if len(units) == 1 else "")
+        units = {cell.unit for cell in printed if cell.unit and str(cell) != NOT_KNOWN}
+        words, unit = _name_and_unit(name)
+        words = words.partition(" ± ")[0]
+        unit = unit or (next(iter(units)) if len(units) == 1 else "")
         suffix = f" [{unit}]" if unit and unit != "1" else ""
-        names.append(f"{bare}{suffix}")
-        columns.append([_value(cell) for cell in cells])
+        has_ends = any(cell.ends for cell in printed)
+        if not has_ends or any(math.isfinite(cell.value) for cell in printed):
+            columns[f"{words}{suffix}"] = (
+                [_unit_of(row) for row in rows] if name == "unit" else _values(cells)
+            )
+        for k, end in enumerate(("low", "high") if has_ends else ()):
+            both = [getattr(cell, "ends", None) for cell in cells]
+            columns[f"{words}, {end}{suffix}"] = [ends and ends[k] for ends in both]
         if any(cell.error is not None for cell in printed):
-            names.append(f"{bare} standard error{suffix}")
-            columns.append([getattr(cell, "error", None) for cell in cells])
-    return Table(names, [list(row) for row in zip(*columns, strict=True)])
+            columns[f"{words} standard error{suffix}"] = [
+                getattr(cell, "error", None) for cell in cells
+            ]
+        if len(units) > 1 and "unit" not in header:
+            columns[f"{words} unit"] = [getattr(cell, "unit", "") for cell in cells]
+    return Table([*columns], [list(row) for row in zip(*columns.values(), strict=True)])
 
 
-def _value(cell):
-    return cell.value if isinstance(cell, Printed) else cell
+def _values(cells):
+    """Numbers of a column's cells; in a column of numbers a cell without one is None."""
+    numeric = any(isinstance(cell, Printed) for cell in cells)
+    values = [cell.value if isinstance(cell, Printed) else cell for cell in cells]
+    return [None if numeric and value == "" else value for value in values]
+
+
+def _unit_of(row):
+    """Unit of a row's values, which are printed with a prefix."""
+    return next((cell.unit for cell in row if isinstance(cell, Printed) and cell.unit), "")
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

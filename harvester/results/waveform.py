@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.errors import HarvesterError, UnknownQuantity
+from harvester.base.errors import UnknownQuantity
 from harvester.base.formatting import prefixed, quantity
 from harvester.base.plain_text import named, nearest
-from harvester.base.tables import require_xarray, write_netcdf
+from harvester.base.tables import require_xarray
 from harvester.device.record import Record
-from harvester.results import figures
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import set_title
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from harvester.scene.model import Scene
     from harvester.scene.units import Scales
 
-PICTURES = (".png", ".svg", ".pdf")
-ENDINGS = (".csv", ".nc", *PICTURES)
-# Width and height of a panel, in inches.
-WIDTH, HEIGHT = 7.0, 1.3
-# A line of many points is drawn by the smallest and largest value of each of this number of
-# intervals, at least two to a pixel: it covers the same pixels.
-INTERVALS = 2000
+# Size of a panel, in inches.
+SIZE = 5.8, 1.3
 # Columns that differ by no more than this share of their size are drawn once, and a column that
 # varies by no more as a constant: rounding would be the picture.
 SAME = 1e-9
@@ -108,8 +103,9 @@ class Waveform(ResultBase):
         return View(
             table=(["column", "smallest", "largest", "rms"], rows),
             findings=[f"{self.engine}: {self.said()}"],
-            pictures=[Picture(_draw, self)],
+            pictures=[Picture(draw, self)],
             records=self._records,
+            is_series=True,
             dataset=self._dataset,
         )
 
@@ -128,34 +124,12 @@ class Waveform(ResultBase):
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def save(self, path: str | Path) -> None:
-        """Write it as CSV, NetCDF or a picture, as the path's ending says.
-
-        Raises HarvesterError for another ending, OutputError if it cannot be written.
-        """
-        check_ending(path)
-        ending = Path(path).suffix
-        if ending == ".csv":
-            self.to_csv(path)
-        elif ending == ".nc":
-            write_netcdf(path, self.to_xarray())
-        else:
-            figures.write(figures.drawn(_draw, self), path)
-
     def said(self) -> str:
         """Range of time, number of points and columns, in words."""
         if not self.time.size:
             return "no points"
         ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"
         return f"{ends} of {', '.join(self.columns)}"
-
-
-def check_ending(path: str | Path) -> None:
-    """Raise HarvesterError for a file that a waveform is not written into."""
-    if Path(path).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
-        )
 
 
 def waveform_of(
@@ -193,14 +167,10 @@ def _current(record: Record) -> np.ndarray:
     return np.interp(record.time, record.time[nonzero], currents)
 
 
-def _draw(waveform):
+def draw(waveform: Waveform) -> Figure:
     """Every column over time; the velocity is left out, which the displacement shows."""
-    from matplotlib.figure import Figure
-
-    drawn = _drawn_once(waveform)
-    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(drawn)))
-    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False).ravel()
-    for axes, (words, name) in zip(panels, drawn.items(), strict=True):
+    panels = []
+    for words, name in _drawn_once(waveform).items():
         values, unit = waveform.columns[name], waveform.units[name]
         middle = float(values.mean()) if values.size else 0.0
         spread = float(np.ptp(values)) if values.size else 0.0
@@ -210,12 +180,14 @@ def _draw(waveform):
             sign = "−" if middle > 0.0 else "+"
             words, values = f"{words}\n{sign} {quantity(abs(middle), unit, 7)}", values - middle
         factor, unit = prefixed(float(abs(values).max(initial=0.0)), unit)
-        line = _same_pixels(waveform.time, factor * values)
-        axes.plot(*line, color=CIRCUIT, linewidth=0.8)
-        axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
-    panels[-1].set_xlabel("time [s]")
-    figure.align_ylabels(panels)
-    set_title(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
+        label = f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]"
+        panels.append(
+            Panel("", label, [Series(waveform.time, factor * values, colour=CIRCUIT, width=0.8)])
+        )
+    panels[-1] = replace(panels[-1], x_label="time [s]")
+    title = f"{waveform.scene.name}: one realization by {waveform.engine}"
+    figure = draw_panels(panels, title, SIZE, columns=1, sharex=True)
+    figure.align_ylabels()
     return figure
 
 
@@ -235,16 +207,3 @@ def _drawn_once(waveform):
         else:
             drawn[words] = name
     return drawn
-
-
-def _same_pixels(time, values):
-    """A line of fewer points that covers the same pixels, where there are many."""
-    if time.size <= 4 * INTERVALS:
-        return time, values
-    edges = np.searchsorted(time, np.linspace(time[0], time[-1], INTERVALS, endpoint=False))
-    # An empty interval repeats the edge of the next one: it is dropped.
-    edges = np.unique(edges)
-    parts = list(zip(edges, np.split(values, edges[1:]), strict=True))
-    lows, highs = ([first + find(part) for first, part in parts] for find in (np.argmin, np.argmax))
-    points = np.unique([0, *lows, *highs, time.size - 1])
-    return time[points], values[points]

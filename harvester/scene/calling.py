@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import inspect
 from collections.abc import Callable, Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
-from harvester.base.arguments import checked_options, usual_arithmetic
+from harvester.base.arguments import check_processes, checked_progress, usual_arithmetic
 from harvester.base.errors import UnknownOption
 from harvester.base.notebook import progress_bar
 from harvester.base.plain_text import nearest, shown
-from harvester.base.signatures import check_options, named_as_called, options_of
+from harvester.base.signatures import KEYWORD, check_options, named_as_called, options_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 # Written as text, so that importing a module with public functions imports no scene and no numba.
 SceneOrName: TypeAlias = Union["Scene", str, Path]
-KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
 
 Options = ParamSpec("Options")
 Answer = TypeVar("Answer")
@@ -39,23 +37,34 @@ def scene_of(scene: SceneOrName) -> Scene:
 
 
 @contextlib.contextmanager
-def shown_progress(
+def _followed(
     name: str, accepted: Container[str], options: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
     """The options of a call, in a notebook with a progress bar; `progress=False` leaves it out."""
-    if options.get("progress") is False:
-        yield {key: value for key, value in options.items() if key != "progress"}
-    elif "progress" not in accepted or options.get("progress") or options.get("runner"):
+    progress = options.get("progress")
+    if progress is False:
+        yield {**options, "progress": None}
+    elif progress is not None:
+        yield {**options, "progress": checked_progress(progress)}
+    elif "progress" not in accepted or options.get("runner"):
         yield options
     else:
         with progress_bar(name) as bar:
-            yield {**options, "progress": bar} if bar else options
+            yield {**options, "progress": bar}
 
 
-def takes_scene(
-    function: Callable[Concatenate[Scene, Options], Answer],
-) -> Callable[Concatenate[SceneOrName, Options], Answer]:
-    """Let a function of a scene take a file's path or a built-in name too.
+def _instead(option, names):
+    """The scene's key of that name, or the nearest option, else all options."""
+    from harvester.scene.tables import all_keys
+
+    for key in all_keys():
+        if key.partition(".")[2] == option:
+            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+    return nearest(option, names) or f"; there are {', '.join(names)}"
+
+
+def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
+    """Check the options of a public function, and show its progress in a notebook.
 
     An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
     checked by what the annotations say (`harvester.base.signatures`).
@@ -63,13 +72,10 @@ def takes_scene(
     name = function.__name__
 
     @functools.wraps(function)
-    def called(scene: SceneOrName, *arguments: Any, **options: Any) -> Answer:
+    def called(*arguments: Options.args, **options: Options.kwargs) -> Answer:
         accepted = options_of(function)
-        by_keyword = [
-            n for n, item in accepted.items() if item.passing is inspect.Parameter.KEYWORD_ONLY
-        ]
-        by_place = len(accepted) - len(by_keyword)
-        surplus = arguments[by_place - 1 :]
+        by_keyword = [n for n, item in accepted.items() if item.passing is KEYWORD]
+        surplus = arguments[len(accepted) - len(by_keyword) :]
         if surplus:
             raise UnknownOption(
                 f"{name}: {shown(surplus[0])} stands without its name: options are given as "
@@ -77,16 +83,31 @@ def takes_scene(
             )
         for option in options:
             if option not in accepted:
-                names = [*accepted][1:]
-                hint = nearest(option, names) or f"; there are {', '.join(names)}"
+                names = [item for item in accepted if item != "scene"]
+                same = [n for n in names if accepted[n].kind.option == option]
+                hint = f" (did you mean {same[0]}?)" if same else _instead(option, names)
                 raise UnknownOption(f"{name}: no option {option}{hint}")
         with (
             usual_arithmetic(),
             named_as_called(function),
-            shown_progress(name, accepted, options) as options,
+            _followed(name, accepted, options) as values,
         ):
-            scene = scene_of(scene)
-            check_options(function, options)
-            return function(scene, *arguments, **checked_options(options))
+            check_options(function, values)
+            check_processes(values)
+            return function(*arguments, **values)
+
+    return called
+
+
+def takes_scene(
+    function: Callable[Concatenate[Scene, Options], Answer],
+) -> Callable[Concatenate[SceneOrName, Options], Answer]:
+    """Let a function of a scene take a file's path or a built-in name too; see `checked`."""
+    of_scene = checked(function)
+
+    @functools.wraps(function)
+    def called(scene: SceneOrName, *arguments: Options.args, **options: Options.kwargs) -> Answer:
+        with usual_arithmetic():
+            return of_scene(scene_of(scene), *arguments, **options)
 
     return called

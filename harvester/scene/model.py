@@ -24,7 +24,7 @@ from harvester.device.terminals import TransducerTable
 from harvester.excitation.base import Excitation, Run
 from harvester.scene.drawn import without_drawn
 from harvester.scene.force_file import read_points_of
-from harvester.scene.overrides import put
+from harvester.scene.overrides import put_all
 from harvester.scene.schema import check_tables, transducer_of
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.tables import TRANSDUCERS, Load, Oscillator, Start, Stopper, all_tables
@@ -148,23 +148,26 @@ class Scene(Table):
         changes : dict, optional
             Dotted keys to values, {"stoppers.gap": 1.2}.
         **tables : dict or None
-            Tables to change key by key; None removes the table.
+            Tables to change key by key; None removes the table. `name="..."` is the copy's name.
         """
-        new = self._tables()
+        new = self._tables() | {"name": self.name}
         if not isinstance(changes, (dict, type(None))):
             raise SceneError(
                 f"replace {shown(changes)}: give a dictionary of dotted keys to values"
             )
-        for key, value in (changes or {}).items():
-            put(new, key, value, "replace")
+        combined = dict(changes or {})
         for name, values in tables.items():
             if not isinstance(values, dict):
-                put(new, name, values, "replace")
+                combined[name] = values
                 continue
             for key, value in values.items():
                 last = key if isinstance(key, str) else shown(key)
-                put(new, f"{name}.{last}", value, "replace")
-        return self.from_tables(new, self.name, self.name, self.folder, changed=self)
+                combined[f"{name}.{last}"] = value
+        put_all(new, combined, "replace")
+        name = new.pop("name", None)
+        if not isinstance(name, str):
+            raise SceneError(f"replace name = {shown(name)}: must be a text")
+        return self.from_tables(new, name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
         """Nested dictionaries of the TOML file's form, without what is left out."""
@@ -222,9 +225,9 @@ class Scene(Table):
             excitation.pop("sha256", None)
         name = str(content.get("name", "scene"))
         scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
-        if scene.digest() != content.get("sha256"):
+        if "sha256" in content and scene.digest() != content["sha256"]:
             raise SceneError(
-                f"{scene.name}: its digest is no longer sha256 = {shown(content.get('sha256'))}: "
+                f"{scene.name}: its digest is no longer sha256 = {shown(content['sha256'])}: "
                 "a value or a file that it names has changed since"
             )
         return scene

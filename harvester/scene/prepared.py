@@ -4,9 +4,9 @@ scene, computed once."""
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from harvester.device import timescales
 from harvester.scene.units import Scales, excitation_unit, scale, setting
@@ -49,6 +49,10 @@ class Prepared:
         """The transducer as elements, from its terminal to what moves it."""
         rate = timescales.angular_frequency(self.system)
         return self.scene.transducer.network(self.setting, self.system.transducer, rate)
+
+    def with_run(self, **changes: Any) -> Prepared:
+        """The same device with other values of [run], on which nothing here depends."""
+        return replace(self, scene=replace(self.scene, run=replace(self.scene.run, **changes)))
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -10,7 +10,7 @@ from harvester.base.plain_text import named, nearest, shown
 from harvester.device.force_table import MOST_PIECES, POINTS_PER_PIECE, force_table
 from harvester.device.keys import SI, check_table, check_value
 from harvester.scene.drawn import with_drawing
-from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_tables
+from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_keys, all_tables
 
 
 def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     names = [*Top.KEYS, *classes]
     for name, value in tables.items():
         if name not in names:
-            hint = nearest(name, names) or f"; there are {', '.join(names)}"
+            hint = nearest(name, [*names, *all_keys()]) or f"; there are {', '.join(names)}"
             raise SceneError(f"{origin}: unknown key {named(name)}{hint}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             most = SEVERAL[name]

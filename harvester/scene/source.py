@@ -58,10 +58,17 @@ def _find(source):
     path, where = Path(source), named(str(source))
     if os.path.exists(path):
         return path
-    if path.suffix == ".toml":
-        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
-    hint = nearest(str(source), built_in_names())
-    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
+    hint = nearest(str(source), [*built_in_names(), *_beside(path)])
+    noun = "scene file" if path.suffix == ".toml" else "scene"
+    raise SceneError(f"{where}: no such {noun}{hint}; built in are {_listed()}")
+
+
+def _beside(path):
+    """The scene files in a path's folder, written as the path is."""
+    try:
+        return sorted(str(file) for file in path.parent.glob("*.toml"))
+    except (OSError, ValueError):
+        return []
 
 
 def _listed():

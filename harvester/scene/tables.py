@@ -218,6 +218,12 @@ def all_tables() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def all_keys() -> list[str]:
+    """`table.key` of all keys that a scene may hold, whatever its tables."""
+    tables = all_tables().items()
+    return [f"{name}.{key}" for name, classes in tables for key in every_key(classes)]
+
+
 def rows_of(tables: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
     """Name, class and values of every table; each of several is `name[k]`."""
     for name, classes in all_tables().items():

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 FEWEST_BATCHES = 16
 # Up to this correlation between neighbouring batches the first-order correction is trusted.
 LARGEST_CORRELATION = 0.25
+# Batches of which neighbours are less correlated than a correlation time implies by this number of
+# standard errors do not have this time.
+CLEARLY = 3.0
+# Fewest batches that are joined further because neighbours are correlated negatively.
+FEWEST_TO_JOIN = 64
 # A standard error of fewer effective batches covers too little: at seven, which ten correlation
 # times give, a mean of squares lies within 1.96 standard errors in 94 % of runs.
 FEWEST_EFFECTIVE = 7.0
@@ -65,20 +70,17 @@ def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tup
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
-def standard_error(
-    series: np.ndarray, least_correlation: float = 0.0, memory: float = 0.0
-) -> float | None:
+def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
     """Standard error of the mean of correlated batch means.
 
     Parameters
     ----------
     series : ndarray, shape (realizations, batches)
         Equal batches in time; rows are independent of each other.
-    least_correlation : float
-        Between neighbours: a negative one down to this makes the error smaller.
     memory : float
         Least correlation time in batches: ∫ of the autocorrelation from 0 on. Short runs do not
-        show their own.
+        show their own. It does not hold for a series whose batches of this length are clearly less
+        correlated, such as the ratio of two powers that rise and fall together.
 
     Returns
     -------
@@ -87,18 +89,34 @@ def standard_error(
         they count as fewer than `FEWEST_EFFECTIVE`.
     """
     series = np.asarray(series, dtype=float)
-    mean = series.mean()
+    mean, error, follows = series.mean(), None, None
     while series.size >= FEWEST_BATCHES:
         total, neighbours = _scatter(series, mean)
         if total == 0.0:
             return 0.0
         factor, expected = _implied(memory, series.shape[1])
-        long_enough = memory <= 1.0 or series.shape[1] == 1
-        if long_enough and neighbours <= _largest_correlation(expected, series.size):
-            factor = max(factor, 1.0 + 2.0 * max(neighbours, least_correlation))
-            return _raised(total / series.size, series.size / factor)
+        chance = 1.0 / math.sqrt(series.size)
+        if memory <= 1.0 or series.shape[1] == 1:
+            if follows is None:
+                follows = neighbours >= expected - CLEARLY * chance
+            if neighbours <= _largest_correlation(expected, series.size):
+                if follows:
+                    factor = max(factor, 1.0 + 2.0 * neighbours)
+                else:
+                    factor = 1.0 + 2.0 * _beyond_chance(neighbours, chance)
+                variance = min(factor, 1.0) * total / series.size
+                error = _raised(variance, series.size / max(factor, 1.0))
+                # Neighbours that take back what went before, as rates of change do, scatter less
+                # in longer batches.
+                if neighbours >= -LARGEST_CORRELATION or series.size < FEWEST_TO_JOIN:
+                    return error
         series, memory = _joined(series), 0.5 * memory
-    return None
+    return error
+
+
+def _beyond_chance(correlation, chance):
+    """The correlation; of a negative one, down to −1/2, the share beyond its standard error."""
+    return max(correlation, min(max(correlation, -0.5) + chance, 0.0))
 
 
 def _implied(memory, batches):

@@ -19,10 +19,11 @@ NO_VALUE = "no number: what is averaged has no finite value at some time of the 
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
 ROUNDED_OFF = "below what the solver resolves of the load's powers"
+NO_OUTPUT = "no resistor lies across the output, and no measure is one"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.
-OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, STARTS_CHARGED, NOT_STARTED)
+OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 

@@ -32,14 +32,16 @@ INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 
 def estimate_measures(
-    moments: Sequence[Moments], error_of: Callable = standard_error
+    moments: Sequence[Moments],
+    error_of: Callable = standard_error,
+    error_of_change: Callable | None = None,
 ) -> dict[str, Estimate]:
     """Quantities of the measures of a load with an output, scaled.
 
     Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
     of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
     run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
-    `NAME_energy`, each time that it holds.
+    `NAME_energy`, each time that it holds. `error_of_change` is for stores, by default `error_of`.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
@@ -49,7 +51,8 @@ def estimate_measures(
         if kind not in _QUANTITIES:
             continue
         series = measured_series(moments, row)
-        estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
+        error = error_of_change if kind == STORE and error_of_change else error_of
+        estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error))
     return estimates
 
 

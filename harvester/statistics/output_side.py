@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, STORE, SUPPLY
 from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
@@ -20,6 +20,7 @@ from harvester.statistics.batch_means import (
     standard_error,
 )
 from harvester.statistics.estimate import (
+    NO_OUTPUT,
     NOT_STARTED,
     NOTHING_PUT_IN,
     RESOLVED_SHARE,
@@ -68,7 +69,9 @@ RATIOS = {
 
 
 def estimate_output(
-    moments: Sequence[Any], error_of: Callable = standard_error
+    moments: Sequence[Any],
+    error_of: Callable = standard_error,
+    error_of_change: Callable | None = None,
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
@@ -77,8 +80,10 @@ def estimate_output(
     where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
     power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
-    `estimate_measures` are included.
+    `estimate_measures` are included. `error_of_change` is for the rates at which stores fill, by
+    default `error_of`.
     """
+    error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
         return {}
@@ -96,11 +101,16 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
+    energies_of = output_ratios(moments)
     for name, dimension in RATIOS.items():
-        energies = output_ratio(moments, name)
+        energies = energies_of[name]
         estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
         if name != "output_voltage":
-            estimate = _resolved(estimate, *energies, _least_resolved(name, moments, output))
+            estimate = _resolved(
+                estimate, *energies, _least_resolved(name, moments, output, energies_of)
+            )
+        if name == "mean_output_power" and not (energies[0].any() or _takes(moments)):
+            estimate = Estimate(0.0, None, None, "power", NO_OUTPUT)
         estimates[name] = estimate
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
@@ -112,16 +122,26 @@ def estimate_output(
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    estimates["stored_energy_per_hour"] = _per_hour(
-        estimates["mean_storage_power"], output_ratio(moments, "mean_storage_power")[0], time
-    )
-    return estimates | estimate_measures(moments, error_of)
+    stored, _ = energies_of["mean_storage_power"]
+    storage = estimates["mean_storage_power"]
+    # Another hour has another path, unlike the measured time.
+    estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
+    if storage.note != ROUNDED_OFF:
+        storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
+    estimates["mean_storage_power"] = storage
+    return estimates | estimate_measures(moments, error_of, error_of_change)
 
 
-def _least_resolved(name, moments, output):
+def _takes(moments):
+    """Whether a load has a resistor across its output, or a measure of it."""
+    output = moments[0].output
+    return output.conductance > 0.0 or any(kind == OUTPUT for kind, _ in output.rows)
+
+
+def _least_resolved(name, moments, output, energies_of):
     """The energy below which a difference, or what is left of the load's energy, is rounding."""
     used, stored = _used_and_stored(moments, output)
-    given = abs(float(output_ratio(moments, "converter_efficiency")[1].sum()))
+    given = abs(float(energies_of["converter_efficiency"][1].sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *supplied(moments).values()))
     if name in ("mean_storage_power", "mean_converter_loss"):
         exchanged += given
@@ -151,8 +171,8 @@ def _per_hour(storage, stored, time):
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
-            f"stores charge unevenly: their power changes by {change:.0%} between the halves of "
-            f"the measured {length:.3g} s, so that an hour is not like these"
+            f"stores charge unevenly: their power changes by {change:.0%} of the larger between "
+            f"the halves of the measured {length:.3g} s, so that an hour is not like these"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
     return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
@@ -199,6 +219,7 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     return {
         "mean_output_power": output,
         "mean_storage_power": max(given, output),
+        **{f"{m.name}_storage_power": max(given, output) for m in measures if m.kind == STORE},
         "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
         "mean_converter_loss": math.hypot(given, harvested),
         "converter_efficiency": harvested / given if given else 0.0,
@@ -208,8 +229,8 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     }
 
 
-def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
+def output_ratios(moments: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Numerator and denominator of each of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")
@@ -226,7 +247,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
         "converter_efficiency": (harvested, load),
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
-    }[name]
+    }
 
 
 def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:

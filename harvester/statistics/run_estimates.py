@@ -13,7 +13,7 @@ import numpy as np
 from circuits.netlist.kinds import OUTPUT
 from circuits.netlist.load_notes import reading_notes
 from harvester.base.errors import SceneError
-from harvester.base.formatting import quantity
+from harvester.base.formatting import number, quantity
 from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
 from harvester.scene.steps import faintness, susceptance
@@ -74,6 +74,8 @@ CHAOTIC = (
     "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
     "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
 )
+# Of a record this many times as long no error bar is promised: a store that charges looks like it.
+LONGEST_ADVICE = 16.0
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
 # Most notes on options of ngspice, which may differ from realization to realization.
@@ -156,15 +158,26 @@ def run_estimates(
     remembered = [store.memory for store in stores if store.memory <= longest]
     slow = memory + 0.5 * max(remembered, default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
-    estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
-    estimates |= device_storage(moments, balanced, system, error)
+    of_output, of_device = (
+        balance.error if balance else error_of(scene, time / batch, change=True)
+        for time in (slow, memory)
+    )
+    estimates = estimate_all(balanced, system, error)
+    estimates |= estimate_output(balanced, error_of_output, of_output)
+    estimates |= device_storage(moments, balanced, system, of_device)
     estimates |= estimate_strain(balanced, scene.excitation, error)
     square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
     step_error *= faintness(susceptance(ready) * square, power)
     path_error = math.hypot(step_error, spread)
+    estimates = _within(estimates, sum(m.points for m in moments))
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
+    # A device holds about its mean X'² as kinetic and potential energy.
+    held = estimates["mean_square_velocity"].estimate / scene.run.duration
+    sizes["mean_device_storage_power"] = held
     estimates = {
-        name: with_steps(scene, estimate, path_error, memory, sizes.get(name))
+        name: with_steps(
+            scene, estimate, path_error, memory, sizes.get(name), name.endswith("storage_power")
+        )
         for name, estimate in estimates.items()
     }
     reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
@@ -194,6 +207,16 @@ def run_estimates(
     )
 
 
+def _within(estimates, points):
+    """The estimates with no more effective samples than points that were computed."""
+    return {
+        name: replace(estimate, effective_sample_size=float(points))
+        if (estimate.effective_sample_size or 0.0) > points
+        else estimate
+        for name, estimate in estimates.items()
+    }
+
+
 def _with_lengths(scene, moments, whole, memory):
     """The estimates; where one has no error bar, its note names the duration that would give it."""
     batches, period = complete_batches(moments), scene.excitation.period
@@ -207,9 +230,11 @@ def _with_lengths(scene, moments, whole, memory):
         duration = FEWEST_PERIODS * period
     if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
         return whole
-    note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    note = f"too short for an error bar: set run.duration = {number(duration, 2)} or more"
     if scene.excitation.kind == "record" and not period:
-        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
+        note = f"too short for an error bar: a record of {number(duration, 2)} s or more has one"
+        if duration > LONGEST_ADVICE * scene.run.duration:
+            note = "too short for an error bar: it changes slowly over the whole measured time"
     return {
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
         for name, estimate in whole.items()
@@ -277,10 +302,12 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     return 2.0 * time if excitation.lines and measured is None else time
 
 
-def error_of(scene: Scene, memory: float = 0.0) -> Callable:
+def error_of(scene: Scene, memory: float = 0.0, change: bool = False) -> Callable:
     """The function that gives a mean's error from batches, chosen by excitation and starts.
 
-    `memory` is the least correlation time in batches, see `correlation_time`.
+    `memory` is the least correlation time in batches, see `correlation_time`. `change` is true of
+    the rate at which a stored energy changes: over one path that is its energy at the end less the
+    one at the beginning, whatever happens between, and only the starts are drawn.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
@@ -294,7 +321,7 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
 
     def error(series: np.ndarray) -> float | None:
         # All starts meet the same stretch of the excitation.
-        common = 0.0 if transient else in_time(series.mean(axis=0, keepdims=True))
+        common = 0.0 if transient or change else in_time(series.mean(axis=0, keepdims=True))
         chance = error_of_starts(series) if drawn else 0.0
         return None if common is None else math.hypot(common, chance)
 
@@ -307,12 +334,14 @@ def with_steps(
     path_error: float,
     memory: float = 0.0,
     size: float | None = None,
+    change: bool = False,
 ) -> Estimate:
     """The estimate with the error of its steps, if the excitation is deterministic.
 
     A periodic motion or a transient has no sample size. That of another path is at most the number
     of correlation times `memory` (s): what repeats itself within a cycle is no further sample.
-    The steps cost a share of `size`, by default the estimate's own; see `step_sizes`.
+    The steps cost a share of `size`, by default the estimate's own; see `step_sizes`. `change`: see
+    `error_of`.
     """
     excitation = scene.excitation
     if excitation.random:
@@ -320,7 +349,7 @@ def with_steps(
     error, samples = estimate.standard_error, estimate.effective_sample_size
     size = abs(estimate.estimate) if size is None else size
     # The bars of these do not hold the scatter of batches.
-    unvarying = excitation.period is not None or excitation.transient(scene.run)
+    unvarying = change or excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
         samples = None
     # What is constant while the motion changes does not depend on how it is stepped.

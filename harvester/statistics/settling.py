@@ -472,9 +472,11 @@ def _total(moments, quantity):
 
 
 def _expected_jumps(p, moments, estimates):
-    """Rough number of jumps out of the wells, by the rate of a weakly damped mass.
+    """Largest likely number of jumps out of the wells, by the rate of a weakly damped mass.
 
-    The charge stays behind: it lifts the barrier by as much as the load is slower than the motion.
+    The energy is the upper end of its interval: runs with little energy by chance would else keep
+    error bars that others lose. The charge stays behind: it lifts the barrier by as much as the
+    load is slower than the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
     lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
@@ -483,7 +485,8 @@ def _expected_jumps(p, moments, estimates):
         for well in timescales.wells(p)
         for saddle in timescales.beside(p, well)
     )
-    energy = estimates["mean_square_velocity"].estimate
+    square_velocity = estimates["mean_square_velocity"]
+    energy = square_velocity.estimate + 2.0 * (square_velocity.standard_error or 0.0)
     if not energy > 0.0 or not math.isfinite(barrier):
         return 0.0
     height = barrier / energy

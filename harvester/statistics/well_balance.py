@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
 # Fewest jumps behind an error bar: 16 jumps have a relative error of a quarter.
 FEWEST_JUMPS = 16.0
-# Correlation of neighbouring batches down to which their error is reduced. Without it the errors of
-# the shares were a sixth too large for a device that left its wells every two seconds.
-LEAST_CORRELATION = -0.25
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ class WellBalance:
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
         within = series - off @ slopes
-        error = self.error_of_parts(within + self.innovations @ slopes)
+        error = standard_error(within + self.innovations @ slopes)
         within_error = standard_error(within)
         if error is None or within_error is None:
             return None
@@ -104,13 +101,6 @@ class WellBalance:
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
         return series - off @ slopes + self.innovations @ slopes
-
-    @staticmethod
-    def error_of_parts(parts: np.ndarray) -> float | None:
-        """Standard error of the mean of `parts`, or of a combination of several results'."""
-        # After a jump out of a well the next one out of it comes later than by chance: correlations
-        # are negative.
-        return standard_error(parts, LEAST_CORRELATION)
 
     def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
         """Standard errors of many means from groups of batches that are independent.

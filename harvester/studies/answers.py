@@ -5,11 +5,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from harvester.averaging.method import Stationary
+from harvester.averaging.of_scene import DIMENSIONS
 from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError, LoadError, OutOfTime
 from harvester.base.method import Method
 from harvester.engines.methods import Circuit, Engine, MonteCarlo, method_of
 from harvester.engines.orbits import note_on_one_start, with_orbit
+from harvester.engines.realization import quantity_names
 from harvester.engines.request import COMPLETE, Request
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
@@ -47,12 +50,22 @@ def is_noisy(scene: Scene, method: Method) -> bool:
     return isinstance(method, Engine) and scene.excitation.random
 
 
-def check_quantity(quantity: str, answer: Any) -> None:
-    """Refuse a quantity that an answer does not have, with the nearest that it has."""
-    missing = without_line(answer.scene, quantity)
-    if missing:
-        raise HarvesterError(missing)
-    check_name("quantity", quantity, tuple(answer.quantities))
+def check_quantities(
+    quantities: Sequence[str], scenes: Iterable[Scene], methods: Sequence[Method]
+) -> None:
+    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name."""
+    names: dict[str, None] = {}
+    if any(isinstance(method, Stationary) for method in methods):
+        names = dict.fromkeys(DIMENSIONS)
+    for scene in scenes:
+        names |= dict.fromkeys(quantity_names(scene))
+        if names.keys() >= {*quantities}:
+            return
+    for quantity in quantities:
+        missing = without_line(scene, quantity)
+        if missing:
+            raise HarvesterError(missing)
+        check_name("quantity", quantity, names)
 
 
 def first_answer(runner: Any, request: Request) -> Any:
@@ -108,6 +121,11 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     ]
 
 
+def longer_runs(scene: Scene) -> str:
+    """Advice for results that differ by no more than their errors."""
+    return f"raise run.duration = {scene.run.duration:g} (four times as long halves the errors)"
+
+
 def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:
     """Answers of `engines.runner.Runner.answer` to requests, or OutOfTime."""
     answers = runner.answer(list(requests), **options)
@@ -121,7 +139,7 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
 
 def orbits_at(scene: Scene, method: Method, runner: Any) -> tuple:
     """The orbits that drawn starts reach; empty under noise or of a linear device."""
-    if not isinstance(method, Engine) or not note_on_one_start(scene):
+    if not isinstance(method, Engine) or not note_on_one_start(prepared(scene)):
         return ()
     if scene.run.starts is None:
         scene = replace(scene, run=replace(scene.run, starts=STARTS))

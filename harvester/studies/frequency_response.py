@@ -11,6 +11,7 @@ import numbers
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,8 @@ import numpy as np
 from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import quantity
+from harvester.base.formatting import quantity, written
+from harvester.base.numbers import is_real
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
@@ -188,10 +190,11 @@ class FrequencyResponse(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header, rows = self._records()
-        return [name.replace("_", " ") for name in header], [
-            [direction, *(f"{value:.5g}" for value in values), f"{residual:.1e}"]
-            for direction, *values, residual in rows
+        units = ["Hz", *(self.unit(QUANTITIES[name]) for name in self.shown)]
+        header = ["sweep", "frequency", *(name.replace("_", " ") for name in self.shown)]
+        return [*header, "residual"], [
+            [direction, *map(partial(quantity, digits=5), values, units), written(residual, ".1e")]
+            for direction, *values, residual in self._records()[1]
         ]
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
@@ -409,10 +412,9 @@ def rising_frequencies(frequencies: Any) -> np.ndarray:
     wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
     requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
-    try:
-        rising = np.unique(np.array(requested, dtype=float))
-    except (TypeError, ValueError):
-        raise wrong from None
+    if not all(map(is_real, requested)):
+        raise wrong
+    rising = np.unique(np.array(requested, dtype=float))
     if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
         raise wrong
     return rising

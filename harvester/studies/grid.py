@@ -8,15 +8,15 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
+from circuits.netlist.subcircuits import UnknownParameter
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest, shown
-from harvester.device.keys import every_key
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.scene.tables import all_tables
+from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -111,7 +111,7 @@ def make_grid(
             raise HarvesterError(f"--load {label}: is there twice")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
-        _check_sweep(scene, key, values, any_key)
+        _check_sweep(scene, key, values, any_key, loaded)
     points = [
         GridPoint(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
         for label in labels
@@ -138,15 +138,17 @@ def _with_load(scene, load):
     return Scene.from_tables(tables, name=scene.name, origin=scene.name, folder=scene.folder)
 
 
-def _check_sweep(scene, key, values, any_key):
+def _check_sweep(scene, key, values, any_key, loaded):
     """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
-    number_keys = [*numbers(scene), RESISTANCES[0]]
+    parameters = (one.load.circuit.values for one in loaded.values() if one.load.netlist)
+    own = dict.fromkeys(f"load.parameters.{name}" for values in parameters for name in values)
+    number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *own))]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
-    if not listed and not (any_key and key in _every_key()):
+    if not listed and not (any_key and key in all_keys()):
         raise HarvesterError(
             f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
-            f"{', '.join(number_keys)} and what else a load calls its parameters"
+            f"{', '.join(number_keys)}"
         )
     for value in values:
         word = any_key and not listed and isinstance(value, str)
@@ -154,12 +156,28 @@ def _check_sweep(scene, key, values, any_key):
             raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
+    if len(loaded) > 1:
+        _check_shared(f"{option} {key}", key, values[0], loaded)
 
 
-def _every_key():
-    """All keys that a scene may hold, whatever its tables."""
-    tables = all_tables().items()
-    return {f"{name}.{key}" for name, classes in tables for key in every_key(classes)}
+def _check_shared(where, key, value, loaded):
+    """Refuse a parameter that some of the loads lack; what they all lack is refused as of one."""
+    lacking = {}
+    for label, scene in loaded.items():
+        try:
+            _at(scene, {key: value})
+        except UnknownParameter as error:
+            lacking[label] = error.args[1]
+    having = [label for label in loaded if label not in lacking]
+    if lacking and having:
+        lacks = [
+            f"{label} (it has {', '.join(names) or 'none'})" for label, names in lacking.items()
+        ]
+        raise HarvesterError(
+            f"{where}: {', '.join(having)} {'has' if len(having) == 1 else 'have'} this parameter, "
+            f"and not {', '.join(lacks)}: give it the same name in all these netlists, or study "
+            "the loads separately"
+        )
 
 
 def _at(scene, values):

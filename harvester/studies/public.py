@@ -6,6 +6,7 @@ inside, so that reading them needs no numba.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from harvester.base.arguments import check_name, listed, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
 from harvester.base.signatures import (
+    Count,
     Distributions,
     Faults,
     File,
@@ -27,7 +29,6 @@ from harvester.base.signatures import (
     MethodOrName,
     Methods,
     Over,
-    Processes,
     Quantities,
     Ranges,
     RunnerOptions,
@@ -63,7 +64,7 @@ def validate(
     scene: Scene,
     *,
     step: Step = "default",
-    workers: Processes | None = None,
+    workers: Count | None = None,
     time_limit: Seconds = TIME_LIMIT,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -93,14 +94,20 @@ def validate(
     Raises
     ------
     HarvesterError, SimulationError
+
+    Examples
+    --------
+    ::
+
+        harvester validate paper --output results --report paper.html
     """
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
-    from harvester.results.paired import paired_difference
     from harvester.scene.prepared import prepared
+    from harvester.statistics.paired import paired_difference
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
@@ -153,7 +160,7 @@ def frequency_response(
         A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
-        In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas.
+        In Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
     amplitude : float or None
         Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
@@ -184,6 +191,12 @@ def frequency_response(
     The excitation is deterministic, so there is no statistical error. `FrequencySweep.residual`
     shows how far the motion is from a settled, periodic one. The error of the step, of second
     order in the circuit, shows when `step` is halved.
+
+    Examples
+    --------
+    ::
+
+        harvester frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down
     """
     import numpy as np
 
@@ -267,6 +280,12 @@ def spectrum(
     Raises
     ------
     SceneError, HarvesterError
+
+    Examples
+    --------
+    ::
+
+        harvester spectrum truck.csv --unit g --device device --breakpoints 12 --output truck
     """
     from harvester.scene.source import built_in_names
     from harvester.studies import spectrum as work
@@ -305,8 +324,8 @@ def sweep(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
-        Any key of the scene and its values: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps),
-        or numbers or words between commas; several make a grid.
+        Any key of the scene and its values, numbers or words, such as
+        {"load.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
@@ -327,10 +346,18 @@ def sweep(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
+
+    Examples
+    --------
+    ::
+
+        harvester sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo
+            --method fokker_planck --quantity mean_square_voltage --output swept
     """
     from harvester.engines.opening import open_runner
     from harvester.engines.request import Request
     from harvester.studies import sweep as work
+    from harvester.studies.answers import check_quantities
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
@@ -342,6 +369,7 @@ def sweep(
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
     grid = make_grid(scene, (), over, any_key=True)
+    check_quantities(quantities, [point.scene for point in grid.points], chosen)
     requests = [
         Request(point.scene, method, precision=precision, quantities=quantities)
         for point in grid.points
@@ -352,9 +380,6 @@ def sweep(
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
     cells = work.cells_of(labels, answers)
-    available = tuple({name: None for cell in cells for name in cell.estimates})
-    for name in quantities if available else ():
-        check_name("quantity", name, available)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
@@ -389,8 +414,8 @@ def load_study(
     loads : sequence of str
         A load of netlists/ or a file; several may be given (default: the scene's own).
     over : dict of str to sequence of float
-        FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers between commas; several
-        make a grid.
+        Numbers of the scene and their values, such as
+        {"load.parameters.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     method : str or Method
         judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
@@ -410,6 +435,13 @@ def load_study(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
+
+    Examples
+    --------
+    ::
+
+        harvester load-study device --load bridge --load sece --sweep
+            load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study
     """
     from harvester.engines.opening import open_runner
     from harvester.studies.grid import make_grid
@@ -508,9 +540,16 @@ def sensitivity(
     Notes
     -----
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
+
+    Examples
+    --------
+    ::
+
+        harvester sensitivity paper --vary oscillator.cubic_stiffness=±10% --vary
+            stoppers.gap=normal:2% --above 0.001 --output tolerances
     """
     from harvester.engines.opening import open_runner
-    from harvester.studies.answers import checked_method
+    from harvester.studies.answers import check_quantities, checked_method
     from harvester.studies.sensitivity import study as work
     from harvester.studies.sensitivity.tolerances import directions, tolerance
 
@@ -535,6 +574,7 @@ def sensitivity(
     chosen = checked_method(scene, method)
     shape = rows, len(tolerances) + 2
     quantity = quantity or _power_of(scene)
+    check_quantities([quantity], [scene], [chosen])
     with open_runner(**running) as opened:
         study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
@@ -581,8 +621,7 @@ def optimum(
         Places proposed, over several parameters (default: 60 for each), or of the grid of one
         parameter by a closure (17). Those of the climb, some tens, come on top.
     precision : float or None
-        Relative standard error of the value at the optimum of several parameters (default: the
-        scene's own run).
+        Relative standard error of the value at the optimum (default: the scene's own run).
     **running
         See `harvester.open_runner`.
 
@@ -607,13 +646,20 @@ def optimum(
     -----
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
+
+    Examples
+    --------
+    ::
+
+        harvester optimum device --maximise mean_power --over load.resistance=1e4:1e7 --over
+            oscillator.linear_stiffness=-100:-20
     """
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
     from harvester.engines.opening import open_runner
     from harvester.engines.progress import Stages
     from harvester.statistics.output_side import RATIOS
-    from harvester.studies.answers import checked_method, orbits_at
+    from harvester.studies.answers import check_quantities, checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
     from harvester.studies.optimum.line import MAXIMISED, along
     from harvester.studies.optimum.several import over_several
@@ -637,9 +683,8 @@ def optimum(
     # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
     # So is one of a closure, which has no noise.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
-    for name, value in {"evaluations": evaluations, "precision": precision}.items():
-        if value is not None and is_one:
-            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if evaluations is not None and is_one:
+        raise HarvesterError("--evaluations: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
     progress = running.pop("progress", None)
@@ -649,17 +694,20 @@ def optimum(
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
         check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    else:
+        check_quantities([maximise], [scene], [chosen])
     if limited and not isinstance(chosen, Engine):
         raise HarvesterError(
             f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
-    with open_runner(**running) as runner:
+    with contextlib.ExitStack() as opened:
+        runner = opened.enter_context(open_runner(**running))
         if progress:
-            runner.report_to(stages)
+            opened.enter_context(runner.reporting_to(stages))
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
+            found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:
             found = over_several(
                 scene, axes, maximise, chosen, runner, stages, evaluations, precision

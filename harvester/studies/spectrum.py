@@ -13,6 +13,7 @@ import numpy as np
 from harvester.base import plain_text
 from harvester.base.arguments import usual_arithmetic
 from harvester.base.errors import HarvesterError
+from harvester.base.formatting import Printed
 from harvester.base.serialising import plain
 from harvester.results.view import Picture, ResultBase, View
 
@@ -419,6 +420,7 @@ class SpectrumAnalysis(ResultBase):
             f"density at {self.frequencies[self.density.argmax()]:.4g} Hz",
             pictures=[Picture(_draw, self)],
             records=self._records,
+            is_series=True,
             texts=self.texts,
         )
 
@@ -433,11 +435,11 @@ class SpectrumAnalysis(ResultBase):
         (kurtosis, error), (skewness, spread) = self.kurtosis(), self.skewness()
         runs, probability = self.runs_test()
         rows = [
-            ["rms", f"{self.rms:.4g} {unit}"],
-            ["bandwidth", f"{self.bandwidth:.4g} Hz"],
+            ["rms", Printed(f"{self.rms:.4g} {unit}".rstrip(), self.rms, None, unit)],
+            ["bandwidth", Printed(f"{self.bandwidth:.4g} Hz", self.bandwidth, None, "Hz")],
             ["nine tenths of the power", "{:.4g} to {:.4g} Hz".format(*self.band)],
-            ["kurtosis", f"{kurtosis:.3f} ± {error:.2g}"],
-            ["skewness", f"{skewness:.3f} ± {spread:.2g}"],
+            ["kurtosis", Printed(f"{kurtosis:.3f} ± {error:.2g}", kurtosis, error)],
+            ["skewness", Printed(f"{skewness:.3f} ± {spread:.2g}", skewness, spread)],
             ["runs test", f"{runs} runs of {len(self.moments)} stretches, p = {probability:.2g}"],
         ]
         device = self.device_band()

@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.averaging.closures import CLOSURES
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import is_share, number, prefixed, with_error
+from harvester.base.formatting import is_share, number, prefixed, with_error, written
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
@@ -155,7 +155,13 @@ class Sweep(ResultBase):
                 for name, estimate in zip(self.quantities, estimates, strict=True)
             ]
             row = [cell.method, *map(in_words, point), *texts]
-            rows.append([*row, str(cell.realizations or ""), outcome_and_notes(cell)[0]])
+            rows.append(
+                [
+                    *row,
+                    written(cell.realizations, "d") if cell.realizations else "",
+                    outcome_and_notes(cell)[0],
+                ]
+            )
         return [*header, "realizations", "outcome"], rows
 
     def _findings(self) -> list[str]:

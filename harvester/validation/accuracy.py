@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
-from harvester.base.formatting import NOT_KNOWN, number, share_with_error
+from harvester.base.formatting import NOT_KNOWN, Printed, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
-from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Answer, relative_error
-from harvester.engines.simulate import require_noise
 from harvester.results.view import Picture, ResultBase, View
-from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.statistics.estimate import Estimate
@@ -27,7 +23,6 @@ from harvester.validation.accuracy_measurement import (
     MethodRow,
     TotalError,
     is_reference,
-    measure,
 )
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.throughput import ratios
@@ -131,7 +126,7 @@ class Accuracy(ResultBase):
             for name in self.errors:
                 size = abs(self.deviation(closure, name).estimate)
                 seconds = duration(answer["seconds"])
-                rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
+                rows[-1] += [seconds if size <= limit else NEVER for limit in LIMITS]
         return header, rows
 
     def _cells(self, row):
@@ -141,7 +136,7 @@ class Accuracy(ResultBase):
             row.method.family,
             row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
             *(number(row.strong[name], 2) for name in STATES),
-            f"{number(order, 3)} ({row.method.order})",
+            Printed(f"{number(order, 3)} ({row.method.order})", order),
             *(_percent(row.bias.get(name)) for name in MEANS),
             number(1e6 * row.seconds_per_unit, 3),
             *(
@@ -242,39 +237,6 @@ class Accuracy(ResultBase):
         }
 
 
-@takes_scene
-def accuracy(
-    scene: Scene,
-    *,
-    thorough: bool = False,
-    methods: Sequence[ComparedMethod] | None = None,
-    **running: Unpack[RunnerOptions],
-) -> Accuracy:
-    """Measure the error of every method on a scene, and how it falls with time.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        The scene; means are compared over its own [run].
-    thorough : bool
-        More paths, steps and realizations.
-    methods : sequence of ComparedMethod or None
-        None: all of them, and the throughput of every way to run the circuit.
-    **running
-        See `harvester.open_runner`. What is kept holds the times that were measured.
-
-    Raises
-    ------
-    HarvesterError
-        The excitation is no noise, or the reference itself failed.
-    OutOfTime
-        The time budget was spent before it was there.
-    """
-    require_noise(scene, "accuracy")
-    with open_runner(**running) as runner:
-        return Accuracy(**measure(scene, runner, thorough, methods))
-
-
 def bias_verdict(row: MethodRow) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
@@ -291,27 +253,29 @@ def _verdict(bias):
     return "above" if size - margin > WANTED_BIAS else "not resolved"
 
 
+# A time that no run is long enough for: the bias alone is larger.
+NEVER = Printed("never", math.inf, None, "s")
+
+
 def reached(error: Any, limit: float) -> str:
     """The wall time to a `TotalError`, if there is one, as text."""
     seconds = error.seconds_to(limit) if error else math.nan
     if not math.isfinite(seconds):
-        return "never" if math.isinf(seconds) else NOT_KNOWN
-    return duration(seconds) + ("" if error.is_shown(limit) else " (?)")
+        return NEVER if math.isinf(seconds) else NOT_KNOWN
+    return Printed(duration(seconds) + " (?)" * (not error.is_shown(limit)), seconds, None, "s")
 
 
-def duration(seconds: float) -> str:
-    """A duration as text: two digits with a fitting unit."""
-    for size, unit in UNITS:
-        if seconds >= size:
-            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
-    return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
+def duration(seconds: float) -> Printed:
+    """A duration with two digits and a fitting unit."""
+    size, unit = next((pair for pair in UNITS if seconds >= pair[0]), (1e-6, "µs"))
+    return Printed(f"{float(f'{seconds / size:.2g}'):g} {unit}", seconds, None, "s")
 
 
 def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
         return NOT_KNOWN
     if is_reference(estimate):
-        return "reference"
+        return Printed("reference", 0.0)
     if estimate.standard_error is None:
-        return f"{estimate.estimate:+.1%} (no error bar)"
+        return Printed(f"{estimate.estimate:+.1%} (no error bar)", estimate.estimate, None, "1")
     return share_with_error(estimate)

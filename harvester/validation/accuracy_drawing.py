@@ -46,7 +46,8 @@ def draw(study: Any) -> Figure:
         f"{device}: error against run time, and the time to an error "
         f"({machine['date']}, {machine['cores']} cores)\n"
         "bars: two standard errors, none where they are not known; hollow: Gear's formula; total "
-        "errors are of default settings, dashed where the bias is known less well"
+        "errors are of default settings, dashed where the bias is known less well; a bias beyond "
+        f"{LEAST:g} to {GREATEST:g} % is drawn at that end"
     )
     return draw_panels(panels, title, size=(3.5, 3.1))
 

@@ -32,7 +32,6 @@ from harvester.engines.request import (
 )
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
-from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -40,6 +39,7 @@ from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import estimate_output
+from harvester.statistics.paired import deviations, paired_difference
 from harvester.statistics.run_quantities import estimate_all
 from harvester.validation import (
     EFFICIENCY,

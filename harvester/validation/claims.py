@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Unpack
+from typing import Any, ClassVar, Unpack
 
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.serialising import fields_of, key, plain
@@ -42,6 +42,8 @@ class Opinion:
     findings: tuple[Finding, ...] = ()
     reason: str = ""
 
+    IN_JSON: ClassVar = {"where": "where"}
+
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
         """Findings (for, against, undecided); undecided are only those that the statement needs."""
@@ -65,6 +67,7 @@ class Opinion:
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
         return f"{self.word} ({', '.join(words)})" if words else self.word
 
+    @property
     def where(self) -> str:
         """Where it holds, where not, and where nothing can be said, in words."""
         pro, contra, open_ = self.speaking
@@ -74,9 +77,6 @@ class Opinion:
             for word, findings in (("holds", pro), ("fails", contra), ("undecided", open_))
             if findings
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        return {**fields_of(self), "where": self.where()}
 
 
 def opinion_of(findings: Sequence[Finding]) -> Opinion:
@@ -129,7 +129,7 @@ class ReproducedStatements(ResultBase):
         details: dict[str, list[str]] = {}
         for claim, opinions in self.opinions:
             lines = [
-                f"{method} {opinion.word}: {opinion.where()}"
+                f"{method} {opinion.word}: {opinion.where}"
                 for method, opinion in opinions.items()
                 if opinion.word not in (HOLDS, UNTESTED)
             ]

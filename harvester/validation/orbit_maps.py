@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from harvester.averaging.density import Layer
 from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
-from harvester.base.serialising import fields_of, key
+from harvester.base.serialising import key
 from harvester.results.panels import Panel, Series, draw_panels, set_title
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
@@ -48,14 +48,10 @@ class _PaperMap(ResultBase):
     name: ClassVar[str]
     computed: ClassVar[str]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; null beyond the outermost orbit."""
-        return {
-            "figure": self.name,
-            "computed": self.computed,
-            "highest_energy_above_barrier": HIGHEST,
-            **fields_of(self),
-        }
+    highest = HIGHEST
+    IN_JSON: ClassVar = {
+        "figure": "name", "computed": "computed", "highest_energy_above_barrier": "highest",
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)

@@ -11,6 +11,7 @@ import numpy as np
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.arguments import listed
 from harvester.base.errors import SimulationError
+from harvester.base.formatting import NOT_KNOWN, written
 from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, relative_error
@@ -317,12 +318,12 @@ def _summary(points, deviations):
         for outcome in outcomes
         if outcome.simulated_time > 0.0
     ]
-    cells = [str(len(points)), str(len(points) - len(outcomes))]
-    cells.append(f"{max(bars):.1%}" if bars else "—")
+    cells: list[str] = [written(len(points), "d"), written(len(points) - len(outcomes), "d")]
+    cells.append(written(max(bars), ".1%") if bars else NOT_KNOWN)
     if not deviations.size:
-        return [*cells, "—", "—"]
+        return [*cells, NOT_KNOWN, NOT_KNOWN]
     worst = deviations[np.argmax(np.abs(deviations))]
-    return [*cells, f"{np.median(deviations):+.1%}", f"{worst:+.1%}"]
+    return [*cells, written(float(np.median(deviations)), "+.1%"), written(float(worst), "+.1%")]
 
 
 def distance(density: Any, reference: Any) -> float:

@@ -5,21 +5,20 @@ Every case is run by every engine and every closure; `verdicts` compares their a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 from harvester.base.errors import SceneError
+from harvester.base.formatting import NOT_KNOWN, Printed, written
 from harvester.base.serialising import plain
-from harvester.engines.opening import RunnerOptions, open_runner
-from harvester.engines.simulate import check_step, require_noise
+from harvester.engines.runner import Runner
 from harvester.engines.task import Task
 from harvester.results.panels import set_title
 from harvester.results.view import Picture, ResultBase, View
-from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
-from harvester.validation import TIME_LIMIT
 from harvester.validation.stability_cases import METHODS, Case, answer, changed, default_cases
 from harvester.validation.verdicts import (
     LARGEST_RESIDUAL,
@@ -99,8 +98,11 @@ class StabilityMatrix(ResultBase):
         return [
             row.case.title,
             *(row.cells[method].text() for method in self.methods),
-            " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
-            f"{sum(answer.seconds for answer in answers if answer):.1f}",
+            Printed(
+                " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
+                max(residuals, key=abs, default=math.nan),
+            ),
+            written(sum(answer.seconds for answer in answers if answer), ".1f", "s"),
         ]
 
     def _findings(self) -> list[str]:
@@ -134,34 +136,10 @@ class StabilityMatrix(ResultBase):
         }
 
 
-@takes_scene
-def stability(
-    scene: Scene,
-    *,
-    cases: Sequence[Case] | None = None,
-    step: str | float = "default",
-    **running: Unpack[RunnerOptions],
+def matrix_of(
+    scene: Scene, runner: Runner, cases: Sequence[Case] | None, step: str | float
 ) -> StabilityMatrix:
-    """Run the matrix of one scene, with a verdict on each case, by every engine and closure.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        Device that the cases are variations of; its seed is kept, its run length is not.
-    cases : sequence of Case or None
-        None: `default_cases`.
-    step : str or float
-        See `harvester.simulate`.
-    **running
-        See `harvester.open_runner`; the time limit is that of one case by one method.
-
-    Raises
-    ------
-    HarvesterError
-        The excitation is no noise.
-    """
-    step = check_step(step)
-    require_noise(scene, "stability")
+    """See `harvester.stability`."""
     clock = time.perf_counter()
     cases = default_cases() if cases is None else tuple(cases)
     scenes: list[Any] = []
@@ -170,15 +148,13 @@ def stability(
             scenes.append(changed(scene, case))
         except SceneError as error:
             scenes.append(error)
-    running.setdefault("time_limit", TIME_LIMIT)
-    with open_runner(**running) as runner:
-        tasks = [
-            Task(answer, {"scene": s, "method": m, "step": step}, runner.version(m), m)
-            for s in scenes
-            if isinstance(s, Scene)
-            for m in METHODS
-        ]
-        outcomes = iter(runner.run(tasks))
+    tasks = [
+        Task(answer, {"scene": s, "method": m, "step": step}, runner.version(m), m)
+        for s in scenes
+        if isinstance(s, Scene)
+        for m in METHODS
+    ]
+    outcomes = iter(runner.run(tasks))
     rows = []
     for case, variation in zip(cases, scenes, strict=True):
         refused = isinstance(variation, SceneError)

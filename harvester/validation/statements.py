@@ -10,16 +10,15 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from harvester.base.serialising import LEFT_OUT, fields_of, key
-from harvester.base.writing import finite
+from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines.request import Answer
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Density
+from harvester.statistics.paired import paired_difference
 from harvester.validation import entries
 from harvester.validation.orbit_maps import orbit_voltages
 from harvester.validation.paper_figures import KEY_SYMBOLS, SYMBOL_KEYS, Changes, name_of
@@ -59,14 +58,13 @@ class Finding:
     decisive: bool = field(default=True, metadata=LEFT_OUT)
     margin: float | None = None
 
+    IN_JSON: ClassVar = {"standard_errors": "sigmas"}
+
     @property
     def sigmas(self) -> float:
         """Evidence in standard errors: > 0 supports the statement, < 0 contradicts it."""
         signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {**fields_of(self), "standard_errors": finite(self.sigmas)}
 
 
 @dataclass(frozen=True)

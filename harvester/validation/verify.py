@@ -8,14 +8,14 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
-from harvester.base.arguments import checked_options, usual_arithmetic
 from harvester.base.errors import HarvesterError, ProgramNotFound
+from harvester.base.formatting import Printed, written
 from harvester.base.serialising import plain
 from harvester.base.tables import markdown_table
-from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, told
+from harvester.engines.runner import Runner
 from harvester.engines.task import Task
 from harvester.results.view import ResultBase, View
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS, differ
@@ -76,17 +76,24 @@ class TruthRow:
 
     def cells(self) -> list[str]:
         """Cells of the table: result, by, verdict, exact, ours, difference, allowed."""
-        named = [self.truth.title, self.method, self.verdict, f"{self.truth.exact:.5g}"]
+        exact, unit = self.truth.exact, self.truth.unit
+        named = [self.truth.title, self.method, self.verdict, written(exact, ".5g", unit)]
         if self.reason:
             return [*named, "", "", ""]
         error = f" ± {self.standard_error:.1g}" if self.standard_error else ""
-        difference = self._of_exact(self.value - self.truth.exact, "+")
-        return [*named, f"{self.value:.5g}{error}", difference, f"± {self._of_exact(self.limit)}"]
+        ours = Printed(f"{self.value:.5g}{error}", self.value, self.standard_error, unit)
+        allowed = self._of_exact(self.limit)
+        return [
+            *named,
+            ours,
+            self._of_exact(self.value - exact, "+"),
+            Printed(f"± {allowed}", allowed.value),
+        ]
 
     def _of_exact(self, difference, sign=""):
         if not self.truth.exact:
-            return f"{difference:{sign}.1g}"
-        return f"{difference / abs(self.truth.exact):{sign}.2%}"
+            return written(difference, f"{sign}.1g")
+        return written(difference / abs(self.truth.exact), f"{sign}.2%")
 
     def to_dict(self) -> dict[str, Any]:
         ours = ("method", "value", "standard_error", "verdict", "reason")
@@ -215,26 +222,15 @@ class Verification(ResultBase):
         }
 
 
-def verify(
-    *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
-) -> Verification:
-    """Exact and published results beside this project's.
-
-    Parameters
-    ----------
-    chosen : sequence of Truth or None
-        Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
-    **running
-        See `harvester.open_runner`.
-    """
+def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verification:
+    """See `harvester.verify`."""
     clock = time.perf_counter()
     truths = [*catalogue(), *measured()] if chosen is None else chosen
     asked = [(truth, *question) for truth in truths for question in truth.asked.items()]
-    with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
-        outcomes: dict[type, Iterator] = {
-            Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
-            Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
-        }
+    outcomes: dict[type, Iterator] = {
+        Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
+        Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
+    }
     # What is neither a request nor a task is the reason why nothing can be computed.
     rows = [
         row_of(truth, method, next(outcomes.get(type(question), iter([question]))))

@@ -6,8 +6,8 @@ import pytest
 from device_scenes import DEVICES, SCALED
 
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
+from harvester.statistics.paired import paired_difference
 
 EACH = [
     pytest.param("bias and quadratic term", marks=pytest.mark.exhaustive),

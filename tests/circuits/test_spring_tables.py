@@ -8,11 +8,11 @@ from raw_files import run_raw
 
 from circuits.equivalent.export import for_ltspice, stand_alone
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, stop_time
+from harvester.statistics.paired import paired_difference
 
 
 @pytest.mark.slow

@@ -114,11 +114,9 @@ def test_colours_appear_on_a_terminal_and_never_with_no_color(
     monkeypatch.delenv("NO_COLOR", raising=False)
     if no_colour:
         monkeypatch.setenv("NO_COLOR", no_colour)
-    with console.progress() as follow:
-        update = follow("run", None)
-        if update:
-            update(0.5)
-            update(0.9)
+    with console.progress("run") as update:
+        update(0.5)
+        update(0.9)
         if terminal:
             wait_for("run", stream)
     assert bool(COLOUR.search(stream.getvalue())) == coloured
@@ -130,8 +128,7 @@ def test_a_terminal_shows_a_run_before_its_first_report(monkeypatch):
     monkeypatch.setattr(sys, "stderr", stream)
     monkeypatch.setattr(console, "SHOW_AFTER_SECONDS", 0.01)
     monkeypatch.setenv("TERM", "xterm-256color")
-    with console.progress() as follow:
-        follow("a run that compiles", None)
+    with console.progress("a run that compiles"):
         wait_for("a run that compiles", stream)
         assert "starting" in stream.getvalue()
 

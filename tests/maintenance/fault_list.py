@@ -40,7 +40,7 @@ BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/statistics/{name}.py"
     for name in ("batch_means", "estimate", "run_quantities", "balance", "measures")
 )
-PAIRED = "harvester/results/paired.py"
+PAIRED = "harvester/statistics/paired.py"
 JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
@@ -306,9 +306,16 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "factor = max(factor, 1.0 + 2.0 * max(neighbours, least_correlation))",
-        "factor = max(factor, 1.0)",
+        "                    factor = max(factor, 1.0 + 2.0 * neighbours)",
+        "                    factor = max(factor, 1.0)",
         EXACT_ERROR,
+    ),
+    Fault(
+        "error bars: every mean has the correlation time of mean squares",
+        BATCH_MEANS,
+        "follows = neighbours >= expected - CLEARLY * chance",
+        "follows = True",
+        (f"{OF_MEANS}::test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error",),
     ),
     Fault(
         "error bars: neighbours of a drifting record are less correlated",

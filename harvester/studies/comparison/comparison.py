@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.base.formatting import NOT_KNOWN, share_with_error, with_error
+from harvester.base.formatting import NOT_KNOWN, Printed, share_with_error, written
 from harvester.base.serialising import plain
 from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
@@ -169,10 +169,9 @@ class Comparison(ResultBase):
         header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
         rows = [row for name in self.compared for row in self._rows(name)]
-        seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
-        seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
-        seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
-        rows.append(seconds)
+        timed = (self.circuit, self.monte_carlo, *self.closures.values())
+        seconds = [written(result.wall_seconds, ".2f", "s") for result in timed]
+        rows.append(["wall time", "s", *seconds[:2], "", "", *seconds[2:]])
         reasons = {
             name.replace("_", " "): reason
             for name in self.compared
@@ -203,9 +202,9 @@ class Comparison(ResultBase):
         row = [
             name.replace("_", " "),
             unit,
-            with_error(circuit.times(factor)),
-            with_error(self.monte_carlo.quantity(name).times(factor)),
-            _sigmas(self.difference(name), 2),
+            self.circuit.printed(circuit, factor),
+            self.monte_carlo.printed(self.monte_carlo.quantity(name), factor),
+            Printed(_sigmas(self.difference(name), 2), self.difference(name)),
             share_with_error(paired) if paired else NOT_KNOWN,
         ]
         for closure, result in self.closures.items():
@@ -213,8 +212,9 @@ class Comparison(ResultBase):
             if name not in result.scaled_quantities:
                 row.append(NOT_KNOWN)
                 continue
-            value = with_error(result.quantity(name).times(factor))
-            row.append(f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})")
+            value = result.printed(result.quantity(name), factor)
+            text = f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})"
+            row.append(Printed(text, value.value, value.error, value.unit))
         return [row, *self._row_of_root(name)]
 
     def _row_of_root(self, name):
@@ -225,12 +225,11 @@ class Comparison(ResultBase):
         if of_root in (name, *self.compared):
             return []
         factor, unit = self.circuit.in_print(of_root, roots[0][of_root])
-        engines = [with_error(means[of_root].times(factor)) for means in roots[:2]]
-        closures = [
-            with_error(means[of_root].times(factor)) if of_root in means else NOT_KNOWN
-            for means in roots[2:]
+        values = [
+            result.printed(means[of_root], factor) if of_root in means else NOT_KNOWN
+            for result, means in zip(results, roots, strict=True)
         ]
-        return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
+        return [[of_root.replace("_", " "), unit, *values[:2], "", "", *values[2:]]]
 
     def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
@@ -262,7 +261,7 @@ class Comparison(ResultBase):
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
         unsharp = [name for name in sigmas if not self._is_sharp(name)]
         if unsharp:
-            tail += f"; {len(unsharp)} of {len(apart)} are not checked: {NOT_SHARP}"
+            tail += f"; not checked, as {NOT_SHARP}: {', '.join(map(words, unsharp))}"
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
         if len(unsharp) == len(sigmas):
@@ -279,6 +278,11 @@ class Comparison(ResultBase):
         # Runs without chance may have a difference of 0.
         worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
+        biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}
+        if biases:
+            name = max(biases, key=lambda each: abs(biases[each].estimate))
+            bias = share_with_error(biases[name])
+            tail = f"; on the same noise the {words(name)} differs most, by {bias}{tail}"
         return Verdict(f"{agreed} of every quantity{tail}.", True)
 
     def _is_sharp(self, name):

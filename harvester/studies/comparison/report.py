@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.base.errors import MissingLibrary
 from harvester.base.symbols import definitions
-from harvester.results import figures, joint_drawing
+from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
 from harvester.results.excitation_drawing import draw_spectrum
 from harvester.results.page import (
@@ -27,6 +27,7 @@ from harvester.results.page import (
 )
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
+from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
 from harvester.scene.prepared import prepared
 
@@ -86,7 +87,7 @@ def _figures(comparison):
     if any(result.joint_density is not None for result in both):
         drawn.insert(1, (joint_drawing.draw, both, JOINT_CAPTION))
     return "\n".join(
-        figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)
+        Picture(draw, content).html(f"{scene}: {caption}", caption)
         for draw, content, caption in drawn
     )
 
@@ -147,13 +148,15 @@ def draw_comparison(comparison: Any) -> Figure:
 def _draw_densities(axes, comparison, name):
     # Thin lines over thick ones show both where they coincide.
     thick, thin = WIDTHS
-    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo", thick)
-    draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    style = {"colour": MONTE_CARLO, "width": thick}
+    draw_density(axes, comparison.monte_carlo, name, "Monte Carlo", **style)
+    draw_density(axes, comparison.circuit, name, "circuit", colour=CIRCUIT, line="--")
     # Closures are drawn above the simulations, whose bands are broad where they are noisy.
     for closure, result in comparison.closures.items():
-        colour, style = LINES[closure]
+        colour, line = LINES[closure]
         if name in result.densities:
-            draw_density(axes, result, name, colour, style, f"averaging, {closure}", thin)
+            style = {"colour": colour, "line": line, "width": thin}
+            draw_density(axes, result, name, f"averaging, {closure}", **style)
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)

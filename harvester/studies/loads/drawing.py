@@ -177,5 +177,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# Names and figures of `harvester.studies.LOAD_STUDY_FILES`, in their order.
+# Figures by their names, the main one first.
 FIGURES = {"power": draw_power, "efficiency": draw_efficiency, "waveforms": draw_waveforms}

@@ -28,15 +28,15 @@ from harvester.engines.request import (
     told,
 )
 from harvester.engines.task import Wanted
-from harvester.results.paired import sums
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
-from harvester.statistics.estimate import ROUNDED_OFF, TOO_SHORT, Estimate
+from harvester.statistics.estimate import NO_OUTPUT, ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import USED, step_sizes
+from harvester.statistics.paired import sums
 from harvester.statistics.passivity import SUPPLIED, fed_by_stores
 from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
@@ -172,8 +172,8 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    scene, moments, orbits, on_orbits = followed(scene, good, cost)
-    run = run_estimates(prepared(scene), moments, cost)
+    ready, moments, orbits, on_orbits = followed(prepared(scene), good, cost)
+    scene, run = ready.scene, run_estimates(ready, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
     series = power_series(run.moments, scales.power)
@@ -181,7 +181,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else run.whole[name].note or TOO_SHORT
     power = Estimate(float(series.mean()), error, None, "power", why)
-    if run.whole[name].note == ROUNDED_OFF:
+    if run.whole[name].note in (NO_OUTPUT, ROUNDED_OFF):
         power = run.whole[name]
     else:
         size = step_sizes(run.whole).get(name)
@@ -217,7 +217,9 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
     """
     if not good:
         return None
-    series = power_series(followed(scene, good, 0.0).moments, prepared(scene).scales.power)
+    series = power_series(
+        followed(prepared(scene), good, 0.0).moments, prepared(scene).scales.power
+    )
     return series if scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 

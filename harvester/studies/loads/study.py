@@ -7,27 +7,31 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.arguments import check_name
 from harvester.base.errors import LoadError
-from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    number,
+    quantity,
+    share_with_error,
+    span,
+    with_error,
+    written,
+)
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
-from harvester.base.tables import require_xarray, write_netcdf
-from harvester.base.writing import in_folder
+from harvester.base.tables import require_xarray
 from harvester.device.record import Record
-from harvester.engines.folder import StudyFolder, held
 from harvester.engines.methods import ENGINES, Circuit, Engine, engine_of, method_of
 from harvester.engines.realizations import PERIODS
 from harvester.engines.request import COMPLETE
 from harvester.engines.runner import Runner
-from harvester.results import figures
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_words
@@ -35,7 +39,7 @@ from harvester.scene.units import require_resistor
 from harvester.statistics.agreement import NEGLIGIBLE_SHARE, NOT_SHARP, differ, is_sharp
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
-from harvester.studies import JUDGED, LOAD_STUDY_FILES
+from harvester.studies import JUDGED
 from harvester.studies.grid import Grid
 from harvester.studies.loads import drawing
 from harvester.studies.loads.curves import Difference, optimum_of, rank
@@ -221,8 +225,8 @@ class LoadStudy(ResultBase):
         if index is None:
             first = self.curves[where][0]
             return [
-                *["—"] * 5,
-                str(first.realizations),
+                *[NOT_KNOWN] * 5,
+                written(first.realizations, "d"),
                 "; ".join(self._unranked(where, key)) or first.outcome,
             ]
         best: Any = self.best(where)
@@ -241,12 +245,10 @@ class LoadStudy(ResultBase):
         return [
             quantity(self.grid.sweeps[key][index], unit) if key else "",
             quantity(optimum.place, unit) if inside else NOT_KNOWN,
-            f"{quantity(optimum.low, unit)} … {quantity(optimum.high, unit)}"
-            if inside
-            else NOT_KNOWN,
+            span(optimum.low, optimum.high, unit),
             with_error(best.estimates["output_power"], self.unit),
             share_with_error(efficiency, sign=False) if efficiency else NOT_KNOWN,
-            str(best.realizations),
+            written(best.realizations, "d"),
             "; ".join(note for note in notes if note),
         ]
 
@@ -344,10 +346,6 @@ class LoadStudy(ResultBase):
         at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
         power = with_error(top.estimates["output_power"], self.unit)
         return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
-
-    def save(self, folder: str | Path | StudyFolder) -> None:
-        """Write NetCDF, CSV and figures: see `harvester.save`."""
-        save(self, folder)
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and a row for each point: load, swept values, all quantities with their errors.
@@ -514,26 +512,6 @@ def proofs(
             if evaluations[index].method == engines[0].name
         ]
     )
-
-
-def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
-    """Write a study's files, each whole or not at all; returns their names.
-
-    Raises
-    ------
-    HarvesterError
-        xarray is missing.
-    OutputError
-        `FolderInUse` where another run is at work there.
-    """
-    with held(folder) as directory:
-        path = Path(directory)
-        grid, table, *pictures = (in_folder(path, name) for name in LOAD_STUDY_FILES)
-        write_netcdf(grid, study.to_xarray())
-        study.to_csv(table)
-        for draw, picture in zip(drawing.FIGURES.values(), pictures, strict=True):
-            figures.write(figures.drawn(draw, study), picture)
-    return list(LOAD_STUDY_FILES)
 
 
 def _proof_variables(study, dimensions):

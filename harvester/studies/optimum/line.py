@@ -18,11 +18,13 @@ maximum; the paired errors of the values give its standard error.
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from harvester.base.errors import HarvesterError, OptimumError
+from harvester.base.formatting import with_error
 from harvester.base.method import Method
 from harvester.engines.methods import Engine
 from harvester.engines.progress import Stages
@@ -36,7 +38,7 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.passivity import store_notes
 from harvester.statistics.run_estimates import error_of
 from harvester.statistics.units import unit_of
-from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
+from harvester.studies.answers import answers_in_time, longer_runs, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
@@ -72,6 +74,7 @@ def along(
     closure: str,
     runner: Runner,
     stages: Stages,
+    precision: float | None = None,
 ) -> Optimum:
     """The optimum over one parameter, all of it but its time."""
     # One spacing of knots for the whole range: else places would not share their noise.
@@ -91,7 +94,11 @@ def along(
     maximum, fitted = search.find(None if location is None else axis.coordinate(location))
     stages.begin(0.9, 1.0, "comparison")
     at_maximum = device.replace({axis.key: maximum.estimate})
-    requests = [search.request(axis.coordinate(maximum.estimate)), Request(at_maximum, closure)]
+    of_value: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
+    own = search.request(
+        axis.coordinate(maximum.estimate), **(of_value if device.excitation.random else {})
+    )
+    requests = [own, Request(at_maximum, closure)]
     simulated, by_closure = answers_in_time(runner, requests)
     if isinstance(simulated, HarvesterError):
         raise simulated
@@ -186,7 +193,7 @@ class Search:
         for _ in range(MOVES):
             self._begin()
             centre = min(max(centre, half), 1.0 - half)
-            coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
+            coordinates = _spread(centre, half)
             answers = self._answers(coordinates)
             fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity, self._error_of)
             if not fit.peaked or abs(fit.place) > 1.0:
@@ -202,14 +209,14 @@ class Search:
                 return self._found(centre, half, fit, coordinates, answers)
         raise OptimumError(
             f"{self.axis.key}: the maximum of {self._name()} could not be distinguished from "
-            "noise; raise run.duration or give a range around it with --from and --to"
+            f"noise; {longer_runs(self.scene)}, or give a range around it with --from and --to"
         )
 
-    def request(self, coordinate: float, moments: bool = False) -> Request:
+    def request(self, coordinate: float, **options: Any) -> Request:
         """The request for one place, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
         realizations = None if self._more == 1 else self._more * self.scene.run.realizations
-        return Request(scene, self.method, realizations=realizations, moments=moments)
+        return Request(scene, self.method, realizations=realizations, **options)
 
     def _answers(self, coordinates):
         requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
@@ -232,11 +239,11 @@ class Search:
             if self._lengthen():
                 return centre
             self._refuse_flat(
+                (centre, half),
                 answers,
                 f"is the same within its errors from {self.axis.value(centre - half):.4g} to "
-                f"{self.axis.value(centre + half):.4g} by {self.method.name}: any value there is "
-                "as good as far as these runs tell; longer runs tell more, or choose another range "
-                "or parameter",
+                f"{self.axis.value(centre + half):.4g} by {self.method.name}",
+                "choose another range or parameter",
             )
         side = math.copysign(1.0, fit.slope)
         if not half < centre + side * 1e-9 < 1.0 - half:
@@ -254,18 +261,25 @@ class Search:
         location = self.axis.value(centre + half * fit.place)
         end = self.axis.value(centre + half * fit.flat_to)
         self._refuse_flat(
+            (centre, half),
             answers,
             f"is flat from {location:.4g} to {end:.4g} by {self.method.name}, within errors or "
-            f"{STANDS_OUT:.1%}: any value of this plateau is as good; a maximum beyond it needs "
-            "another range (--from, --to)",
+            f"{STANDS_OUT:.1%}",
+            "a maximum beyond this plateau needs another range (--from, --to)",
         )
 
-    def _refuse_flat(self, answers, flat):
+    def _refuse_flat(self, window, answers, flat, otherwise):
         """Refuse places between which nothing differs: where all are 0, for that reason."""
         values = [answer.in_units()[self.quantity] for answer in answers]
+        unit = unit_of(self.scene, values[0].dimension)
+        places = ", ".join(
+            f"{with_error(value, unit)} at {self.axis.value(coordinate):.4g}"
+            for value, coordinate in zip(values, _spread(*window), strict=True)
+        )
+        advice = f"{flat}: {places}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
-            flat = f"is 0 within its errors at all {len(values)} places: {NOTHING}"
-        raise OptimumError(f"{self.axis.key}: {self._name()} {flat}")
+            advice = f"is 0 within its errors at all {len(values)} places: {NOTHING}"
+        raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self):
         """Multiply the number of realizations; False if it is at its limit already."""
@@ -277,7 +291,8 @@ class Search:
     def _found(self, centre, half, fit, coordinates, answers):
         if fit.error is None:
             raise OptimumError(
-                f"{self.axis.key}: the runs are too short for an interval; raise run.duration"
+                f"{self.axis.key}: the runs are too short for an interval; "
+                f"{longer_runs(self.scene)}"
             )
         coordinate = centre + half * fit.place
         error = half * math.hypot(fit.error, fit.bias) * self.axis.slope(coordinate)
@@ -302,6 +317,11 @@ class Search:
 
     def _name(self):
         return self.quantity.replace("_", " ")
+
+
+def _spread(centre, half):
+    """Coordinates of the places in a window."""
+    return centre + half * np.linspace(-1.0, 1.0, PLACES)
 
 
 class CubicFit:

@@ -10,11 +10,11 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.method import Method
 from harvester.engines.request import Request
-from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate
+from harvester.statistics.paired import deviations, has_deviations
 from harvester.statistics.run_estimates import error_of
 from harvester.studies.answers import (
     answers_in_time,
@@ -42,7 +42,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     """Deviations of batches from a quantity's mean, in the scene's units: (realizations, batches).
 
     Without noise one row, the mean over the starts on the followed orbit. The answer holds its
-    moments; `harvester.results.paired.deviations` accepts the quantity.
+    moments; `harvester.statistics.paired.deviations` accepts the quantity.
     """
     factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     series = factor * deviations(answer.moments, quantity)

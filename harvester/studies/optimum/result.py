@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, with_error
+from harvester.base.formatting import prefixed, quantity, span, with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
 from harvester.engines.methods import method_of
@@ -19,7 +19,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_label, key_words
 from harvester.statistics.estimate import Estimate
-from harvester.studies.answers import is_noisy, missing_from
+from harvester.studies.answers import is_noisy, longer_runs, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 from harvester.studies.optimum.objective import NOTHING, is_nothing
@@ -148,8 +148,16 @@ class Optimum(ResultBase):
         key = self.parameters[0].axis.key
         header = ["method", "parameter", "optimum at", "interval", self.quantity.replace("_", " ")]
         location = self._at(key, self.place.estimate)
-        interval = self._span(key, *self.interval)
-        rows = [[self.method, key, location, interval, with_error(self.value, self.unit)]]
+        location.error = self.place.standard_error
+        rows = [
+            [
+                self.method,
+                key,
+                location,
+                self._span(key, *self.interval),
+                with_error(self.value, self.unit),
+            ]
+        ]
         if averaging.place is not None:
             location, value = self._at(key, averaging.place), quantity(averaging.value, self.unit)
             rows.insert(0, [f"averaging, {averaging.closure}", key, location, "", value])
@@ -169,9 +177,8 @@ class Optimum(ResultBase):
         return quantity(place, key_words(key, self.scene.units)[1])
 
     def _span(self, key, low, high):
-        """A range in words; a dash where an end is not known."""
-        has_ends = not math.isnan(low + high)
-        return f"{self._at(key, low)} … {self._at(key, high)}" if has_ends else NOT_KNOWN
+        """A range of a key, with its unit."""
+        return span(low, high, key_words(key, self.scene.units)[1])
 
     def _findings(self) -> list[str]:
         """Sentences on the intervals of place and value, and on the runs."""
@@ -179,12 +186,12 @@ class Optimum(ResultBase):
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
         (one,) = self.parameters
         key = one.axis.key
-        span = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
+        searched = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
         return [
             *self._on_averaging(self.averaging),
             *definitions([self.quantity]),
-            f"{self.method}: cubic through {len(self.searched)} places in {span} on common noise, "
-            f"seed {self.scene.run.seed}; interval: two standard errors",
+            f"{self.method}: cubic through {len(self.searched)} places in {searched} on common "
+            f"noise, seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
             *self.notes,
             *self._on_orbits(),
@@ -213,12 +220,11 @@ class Optimum(ResultBase):
     def _on_value(self):
         scene_value: Any = self.own
         low, high = self.interval
-        span = f"{quantity(low, self.unit)} … {quantity(high, self.unit)}"
-        noisy = is_noisy(self.scene, method_of(self.method))
-        interval = f", interval {span}" if noisy and math.isfinite(low) else ""
+        noisy = is_noisy(self.scene, method_of(self.method)) and math.isfinite(low)
+        reach = f", interval {span(low, high, self.unit)}" if noisy else ""
         return [
             f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
-            f"{interval}; of the scene itself {with_error(scene_value, self.unit)}",
+            f"{reach}; of the scene itself {with_error(scene_value, self.unit)}",
             *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
             *self.notes,
@@ -236,8 +242,7 @@ class Optimum(ResultBase):
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
             lines.append(
-                "the runs are too short to tell how flat the maximum is: raise run.duration or "
-                "run.realizations"
+                f"the runs are too short to tell how flat the maximum is: {longer_runs(self.scene)}"
             )
         for parameter in self.parameters:
             if parameter.is_narrow:
@@ -248,8 +253,9 @@ class Optimum(ResultBase):
             if parameter.open_low and parameter.open_high:
                 lines.append(
                     f"{parameter.axis.key}: flat: nowhere in the range significantly more than "
-                    f"{FLAT_SHARE:.0%} below the maximum, so that any value is as good as far as "
-                    "these runs tell; vary another parameter, or give another range"
+                    f"{FLAT_SHARE:.0%} below the maximum, so that all values of the range are "
+                    f"equal within the errors; {longer_runs(self.scene)}, vary another parameter, "
+                    "or give another range"
                 )
                 continue
             for end, is_open in (

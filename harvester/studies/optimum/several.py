@@ -25,7 +25,7 @@ from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.passivity import store_notes
 from harvester.statistics.units import unit_of
-from harvester.studies.answers import check_quantity, first_answer, is_noisy
+from harvester.studies.answers import first_answer, is_noisy
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges
 from harvester.studies.optimum.objective import Objective
@@ -76,7 +76,6 @@ def over_several(
     objective = Objective(scene, axes, quantity, method, runner, begin)
     stages.begin(0.0, 1.0 / expected, "the scene itself")
     scene_answer = first_answer(runner, Request(scene, method))
-    check_quantity(quantity, scene_answer)
     searched = _search(objective, count)
     location = _chosen(objective, searched)
     stage = AGAIN if objective.noisy else SEARCH

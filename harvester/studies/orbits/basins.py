@@ -11,8 +11,8 @@ import numpy as np
 
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
-from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error
-from harvester.base.plain_text import json_text
+from harvester.base.formatting import NOT_KNOWN, Printed, quantity, share_with_error
+from harvester.base.plain_text import json_text, shown
 from harvester.base.tables import require_xarray
 from harvester.results.orbit import REASONS
 from harvester.results.panels import set_title
@@ -22,6 +22,7 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.starts import energy_range
 from harvester.statistics.attractors import QUANTITIES
+from harvester.statistics.estimate import Estimate
 from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
@@ -91,10 +92,14 @@ class Basins(ResultBase):
             [
                 orbit.name,
                 orbit.kind,
-                f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
+                share_with_error(Estimate(orbit.share, orbit.share_error, None, "1"), sign=False),
                 *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
                 _section(orbit, self.unit("displacement")),
-                "—" if orbit.lyapunov is None else str(orbit.lyapunov),
+                NOT_KNOWN
+                if orbit.lyapunov is None
+                else Printed(
+                    str(orbit.lyapunov), orbit.lyapunov.exponent, orbit.lyapunov.standard_error
+                ),
             ]
             for orbit in self.orbits
         ]
@@ -154,11 +159,10 @@ def _section(orbit, unit):
     """Text: the range of the section's displacements, by which mirror images differ."""
     if not orbit.steady or not orbit.points.size:
         return NOT_KNOWN
-    ends = dict.fromkeys(
-        quantity(float(end), unit, 3)
-        for end in (orbit.points[:, 0].min(), orbit.points[:, 0].max())
-    )
-    return " … ".join(ends)
+    displacements = orbit.points[:, 0]
+    ends = float(displacements.min()), float(displacements.max())
+    texts = dict.fromkeys(quantity(end, unit, 3) for end in ends)
+    return Printed(" … ".join(texts), unit=unit, ends=ends)
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
@@ -169,7 +173,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     kinds = Counter(orbit.kind for orbit in steady)
     named = ", ".join(f"{count} of {kind}" if count > 1 else kind for kind, count in kinds.items())
     plural = "" if len(steady) == 1 else "s"
-    lines = [f"{len(steady)} steady motion{plural}{': ' if named else ''}{named}"]
+    lines = [f"{len(steady) or 'no'} steady motion{plural}{': ' if named else ''}{named}"]
     if steady:
         best = max(steady, key=lambda each: each.mean_power)
         least = min(steady, key=lambda each: each.mean_power)
@@ -214,7 +218,10 @@ def axes_of_starts(
         except (TypeError, ValueError):
             values = np.array([np.nan])
         if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
-            raise HarvesterError(f"--{name}: must be rising numbers")
+            raise HarvesterError(
+                f"--{name} {shown(coordinates)}: must be rising numbers, such as "
+                "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"
+            )
         axes.append(values)
     return axes[0], axes[1]
 
@@ -248,6 +255,9 @@ def _draw(basins):
     axes.set_ylim(low_y, high_y)
     axes.set_xlabel(f"displacement at the start [{basins.unit('displacement')}]")
     axes.set_ylabel(f"velocity at the start [{basins.unit('velocity')}]")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=6)
+    legend: Any = figure.legend(loc="outside lower center", ncols=2, fontsize=6)
+    for handle in legend.legend_handles:
+        # The points of a chaotic motion are too small for a legend.
+        handle.set(markersize=6.0, markeredgewidth=0.6)
     set_title(figure, f"{basins.scene.name}: basins (dots: the orbits, at the period's beginning)")
     return figure

@@ -16,7 +16,7 @@ import numpy as np
 
 from harvester.base import formatting as numbers
 from harvester.base.errors import HarvesterError, SimulationError
-from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
+from harvester.base.formatting import prefixed, quantity, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.tables import require_xarray
 from harvester.engines.following import follow, forced
@@ -143,6 +143,7 @@ class Bifurcation(ResultBase):
             ),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            is_series=True,
             dataset=self._dataset,
         )
 
@@ -152,12 +153,18 @@ class Bifurcation(ResultBase):
         ends = {(jump.direction, end) for jump in self.jumps for end in (jump.before, jump.after)}
         tabulated = {*self.values[:: self._every].tolist(), float(self.values[-1])}
         # Each quantity shares its column with its error.
-        label = key_label(self.key, self.scene.units)
-        return [header[0], label, header[2], *header[3:9:2], *header[9:]], [
+        units = [self.unit(dimension) for dimension in QUANTITIES.values()]
+        names = [name.replace("_", " ") for name in QUANTITIES]
+        length = self.unit("displacement")
+        head = [header[0], key_label(self.key, self.scene.units), header[2], *names]
+        return [*head, "lowest of the section", "highest of the section"], [
             [
-                *(row[0], f"{row[1]:.6g}", row[2]),
-                *map(value_and_error, row[3:9:2], row[4:9:2]),
-                *(numbers.number(extreme, 5) for extreme in row[9:]),
+                *(row[0], numbers.written(row[1], ".6g"), row[2]),
+                *(
+                    with_error(Estimate(value, error, None, unit), unit)
+                    for value, error, unit in zip(row[3:9:2], row[4:9:2], units, strict=True)
+                ),
+                *(quantity(extreme, length, 5) for extreme in row[9:]),
             ]
             for row in rows
             if row[1] in tabulated or tuple(row[:2]) in ends
@@ -430,8 +437,11 @@ def _draw(result):
     section, power = [], []
     top = max(np.nanmax(branch.mean_power, initial=0.0) for branch in result.branches)
     factor, unit = prefixed(top, result.unit("power"))
+    # Many values make a picture of fine points, few need visible ones.
+    largest = min(max(1.0, MOST_VALUES_SHOWN / result.values.size), 4.0)
     for branch in result.branches:
-        colour, size = COLOURS[branch.direction], 1.0 if branch.direction == "up" else 0.6
+        size = largest * (1.0 if branch.direction == "up" else 0.6)
+        colour = COLOURS[branch.direction]
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
         y = factor * branch.mean_power

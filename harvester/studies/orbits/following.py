@@ -20,6 +20,7 @@ from harvester.engines.methods import Engine
 from harvester.engines.task import Task, Wanted
 from harvester.results.orbit import (
     CHARGING,
+    DIVERGES,
     ESCAPES,
     NO_PERIOD,
     NOT_SETTLED,
@@ -233,7 +234,8 @@ def orbits_of(
                 motions.append((group.members, samples[group.members], group.points, exponent))
     motions.sort(key=lambda each: (-each[0].size, each[0].min()))
     which, orbits, ready = np.full(len(starts), -1), [], prepared(scene)
-    followed, escaped = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
+    followed, ended = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
+    escaped, diverged = ended & (samples[:, -1, 0] > 0.0), ended & (samples[:, -1, 0] < 0.0)
     count, steps = int(followed.sum()), step_error(ready, engine.step, engine.name)
     seconds, memory = float(scene.excitation.period or 1.0), memory_of(ready)
     units = np.array([ready.scales.of(dimension) for dimension in QUANTITIES.values()])
@@ -246,7 +248,11 @@ def orbits_of(
         section = points[:, :2] * size
         name = orbit_name(number)
         orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
-    for kind, is_member in ((unsettled, followed & ~escaped & (which < 0)), (ESCAPES, escaped)):
+    for kind, is_member in (
+        (unsettled, followed & ~ended & (which < 0)),
+        (ESCAPES, escaped),
+        (DIVERGES, diverged),
+    ):
         if is_member.any():
             which[is_member] = len(orbits)
             orbits.append(_orbit(kind, kind, int(is_member.sum()), count))
@@ -294,7 +300,7 @@ def _unsettled(scene):
 def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
     """Period and kind of the motion of one start, from its samples, shape (samples, columns)."""
     if np.isinf(samples).any():
-        return 0, ESCAPES
+        return 0, ESCAPES if samples[-1, 0] > 0.0 else DIVERGES
     if np.isnan(samples).any():
         return 0, NOT_SETTLED
     memory = memory_of(prepared(scene))

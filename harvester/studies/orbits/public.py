@@ -49,8 +49,8 @@ def basins(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
-        Coordinates of the starts, in the scene's units: FIRST:LAST:NUMBER (even steps), or numbers
-        between commas (default: the energies up to beyond the device's largest motion).
+        Coordinates of the starts, in the scene's units, such as numpy.linspace(-0.01, 0.01, 41)
+        (default: the energies up to beyond the device's largest motion).
     points : int
         Starts a side, of what is left to the default.
     periods : int or None
@@ -72,6 +72,13 @@ def basins(
     -----
     Starts have the given displacement and velocity at the beginning of a period, an empty
     transducer, and a load's stores as its netlist begins.
+
+    Examples
+    --------
+    ::
+
+        harvester basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}'
+            --points 60 --output basins
     """
     import numpy as np
 
@@ -128,8 +135,7 @@ def bifurcation(
     over : dict of str to sequence of float, or str
         The key, such as excitation.amplitude, with its values; or the key alone, with `values`.
     values : sequence of float or None
-        Values of the key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
-        between commas.
+        Values of the key, such as numpy.linspace(1, 12, 100).
     down : bool
         The way down is taken as well, and shows where there are several motions; `--up-only`
         leaves it out.
@@ -152,6 +158,13 @@ def bifurcation(
     Notes
     -----
     Each value begins where the one before it ended, the first one at the scene's start.
+
+    Examples
+    --------
+    ::
+
+        harvester bifurcation device --set 'excitation={kind="sine", amplitude=6.0,
+            frequency=8.0}' --over excitation.amplitude --values 1:12:linear:100
     """
     import numpy as np
 
@@ -217,8 +230,7 @@ def residence(
     over : dict of str to sequence of float, str or None
         A key, such as excitation.intensity, with its values; or the key alone, with `values`.
     values : sequence of float or None
-        Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:NUMBER (even steps), or numbers
-        between commas.
+        Values of that key, such as numpy.geomspace(0.02, 0.06, 5).
     precision : float or None
         Relative standard error, for which realizations are doubled up to 64 times the scene's;
         None: the scene's own run.
@@ -233,6 +245,13 @@ def residence(
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
+
+    Examples
+    --------
+    ::
+
+        harvester residence duffing --over excitation.intensity --values 0.02:0.06:log:5
+            --precision 0.05
     """
     from harvester.engines.opening import open_runner
     from harvester.studies.orbits import residence as work
@@ -263,4 +282,5 @@ def residence(
         method=engine.name,
         engine_version=next((text for _, text in outcomes if text), ""),
         seconds=time.perf_counter() - clock,
+        precision=precision,
     )

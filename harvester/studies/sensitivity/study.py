@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import HarvesterError, OutOfTime
-from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    Printed,
+    prefixed,
+    quantity,
+    share_with_error,
+    with_error,
+)
 from harvester.base.method import Method
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
-from harvester.engines.folder import StudyFolder
+from harvester.base.tables import csv_text
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
@@ -24,9 +30,7 @@ from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
-from harvester.studies import SENSITIVITY_FILES
 from harvester.studies.answers import (
-    check_quantity,
     first_answer,
     is_complete,
     is_noisy,
@@ -115,6 +119,7 @@ class Sensitivity(ResultBase):
                 Picture(draw_distribution, self, "distribution"),
             ],
             records=self._records,
+            texts=lambda: {"-devices.csv": self._devices()},
         )
 
     def _table(self) -> tuple:
@@ -124,10 +129,13 @@ class Sensitivity(ResultBase):
         rows = []
         for k in self.order():
             both = (self.indices.first, self.indices.total)
-            index_values = [estimates[k] if estimates else NOT_KNOWN for estimates in both]
+            index_values = [
+                Printed(str(e[k]), e[k].estimate, ends=e[k].interval) if e else NOT_KNOWN
+                for e in both
+            ]
             effect_texts = [_signed(e, self.population.mean.estimate) for e in self.effects[k]]
             parameter = self.tolerances[k]
-            rows.append([parameter.key, str(parameter), *map(str, index_values), *effect_texts])
+            rows.append([parameter.key, str(parameter), *index_values, *effect_texts])
         return header, rows
 
     def _records(self):
@@ -241,32 +249,24 @@ class Sensitivity(ResultBase):
             }
         )
 
-    def save(self, folder: str | Path | StudyFolder) -> None:
-        """Write JSON, the table of devices and both figures."""
-        from harvester.base.writing import in_folder, write_json, write_text
-        from harvester.results import figures
-
-        places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
-        content, table, tornado, scatter = places
-        write_json(content, self.to_dict())
-        write_text(table, self.device_table())
-        figures.write(figures.drawn(draw_tornado, self), tornado)
-        figures.write(figures.drawn(draw_distribution, self), scatter)
-
-    def device_table(self) -> str:
+    def _devices(self):
         """CSV: one line for each device that was simulated, its parameters and its values."""
         varied = parameters(self.tolerances, self.shares[0][0])
-        keys = ",".join(key_column(key, self.scene.units) for key in varied)
-        name = f"{self.quantity} [{self.unit}]"
-        replicates = ",".join(f"replicate_{k + 1} {name}" for k in range(len(self.values)))
-        lines = [f"row,device,{keys},{replicates}"]
+        replicates = (f"replicate_{k + 1}" for k in range(len(self.values)))
+        header = ["row", "device", *(key_column(key, self.scene.units) for key in varied)]
+        header += [f"{replicate} {self.quantity} [{self.unit}]" for replicate in replicates]
         names = ["a", "b", *(f"a with b's {parameter.key}" for parameter in self.tolerances)]
-        for row, shares in enumerate(self.shares):
-            for column, name in enumerate(names):
-                device_parameters = parameters(self.tolerances, shares[column])
-                numbers = [*device_parameters.values(), *self.values[:, row, column]]
-                lines.append(f"{row},{name}," + ",".join(f"{n:.9g}" for n in numbers))
-        return "\n".join(lines) + "\n"
+        rows = [
+            [
+                row,
+                name,
+                *parameters(self.tolerances, shares[column]).values(),
+                *self.values[:, row, column],
+            ]
+            for row, shares in enumerate(self.shares)
+            for column, name in enumerate(names)
+        ]
+        return csv_text(header, rows)
 
 
 def study_of(
@@ -281,7 +281,6 @@ def study_of(
 ) -> Sensitivity:
     """Everything of a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
     nominal = first_answer(runner, Request(scene, method))
-    check_quantity(quantity, nominal)
     shares = design(shape[0], len(tolerances), scene.run.seed)
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
@@ -345,8 +344,9 @@ def _signed(each, mean):
     """An effect as a share of the mean, half of its interval's width behind it."""
     if mean == 0.0:
         return NOT_KNOWN
-    half = 0.5 * (each.high - each.low) / abs(mean)
-    return share_with_error(Estimate(each.estimate / mean, half, None, "1"))
+    share, ends = each.estimate / mean, sorted((each.low / mean, each.high / mean))
+    text = share_with_error(Estimate(share, 0.5 * (ends[1] - ends[0]), None, "1"))
+    return Printed(text, share, None, "1", (ends[0], ends[1]))
 
 
 def draw_tornado(study: Sensitivity) -> Figure:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.base.arguments import checked_options, listed
+from harvester.base.arguments import checked_progress, listed
 from harvester.base.worker_pool import ExecutorPool, WorkerPool
 from harvester.scene.calling import takes_scene
 from harvester.studies.grid import make_grid
@@ -76,7 +76,7 @@ def test_what_the_progress_function_raises_is_named():
     def broken(share, words):
         raise ZeroDivisionError("by my own fault")
 
-    progress = checked_options({"progress": broken})["progress"]
+    progress = checked_progress(broken)
     with pytest.raises(harvester.HarvesterError, match=r"progress: .*ZeroDivisionError: by my own"):
         progress(0.5, "half")
 

@@ -39,6 +39,16 @@ def test_a_bar_follows_a_call_and_goes(shown):
     assert shown == ['<progress value="0.500" max="1"></progress> watched: 50% half', ""]
 
 
+def test_a_bar_is_not_drawn_at_each_report(shown, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(notebook, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    with notebook.progress_bar("many") as bar:
+        for report in range(1000):
+            clock[0] = 100.0 + 0.001 * report
+            bar(report / 1000.0)
+    assert len(shown) == 1 + round(1.0 / notebook.UPDATE_SECONDS)
+
+
 def test_false_switches_it_off(shown):
     assert watched("linear", progress=False) is None
     assert shown == []

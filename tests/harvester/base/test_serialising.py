@@ -32,11 +32,6 @@ def test_fields_have_their_keys_and_inner_ones_their_own():
     assert told == {"rod": "thin", "lengths": [{"value": None, "dimension": "displacement"}]}
 
 
-def test_a_dimension_becomes_the_unit_that_the_caller_gives():
-    told = fields_of(ROD, {"displacement": "m"}.__getitem__)
-    assert told["lengths"] == [{"value": None, "unit": "m"}]
-
-
 def test_everything_is_what_strict_json_takes():
     values = {
         "array": np.array([[1.0, math.nan], [math.inf, 2.0]]),

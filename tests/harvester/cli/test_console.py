@@ -21,19 +21,6 @@ def test_durations_are_told_in_a_unit_that_fits(seconds, words):
     assert console._duration(seconds) == words
 
 
-def test_a_long_run_says_what_it_will_take_from_its_first_seconds(monkeypatch, capsys):
-    clock = [100.0]
-    monkeypatch.setattr(console.time, "monotonic", lambda: clock[0])
-    with console.progress() as follow:
-        update = follow("circuit", None)
-        for second in range(60):
-            clock[0] = 100.0 + second
-            update(second / 600.0)
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "circuit: 0.83% after 5 s, about 10 min more"
-    assert len(lines) == 4
-
-
 def lines_of(label, seconds, reports, monkeypatch, capsys):
     """Lines of a run by a fake clock that a thread looks at once a second; reports by second."""
     clock = [100.0]
@@ -46,6 +33,13 @@ def lines_of(label, seconds, reports, monkeypatch, capsys):
             lines(*reports[second])
         lines._say()
     return capsys.readouterr().err.splitlines()
+
+
+def test_a_long_run_says_what_it_will_take_from_its_first_seconds(monkeypatch, capsys):
+    reports = {second: (second / 600.0, "") for second in range(60)}
+    lines = lines_of("circuit", 60, reports, monkeypatch, capsys)
+    assert lines[0] == "circuit: 0.83% after 5 s, about 10 min more"
+    assert len(lines) == 4
 
 
 def test_a_run_without_reports_says_that_it_goes_on(monkeypatch, capsys):
@@ -69,20 +63,13 @@ def test_a_thread_says_it(monkeypatch, capsys):
     monkeypatch.setattr(console, "SAY_AFTER_SECONDS", 0.01)
     said = console.threading.Event()
     monkeypatch.setattr(console, "print", lambda *_, **__: said.set(), raising=False)
-    with console.progress() as follow:
-        follow("silent", None)
+    with console.progress("silent"):
         assert said.wait(30.0)
 
 
 def test_a_short_run_says_nothing(monkeypatch, capsys):
-    clock = [100.0]
-    monkeypatch.setattr(console.time, "monotonic", lambda: clock[0])
-    with console.progress() as follow:
-        update = follow("circuit", None)
-        for second in range(5):
-            clock[0] = 100.0 + second
-            update(second / 4.0)
-    assert capsys.readouterr().err == ""
+    reports = {second: (second / 4.0, "") for second in range(5)}
+    assert lines_of("circuit", 5, reports, monkeypatch, capsys) == []
 
 
 def test_a_result_is_shown_by_its_table_and_its_sentences(capsys):

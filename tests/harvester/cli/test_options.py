@@ -155,12 +155,12 @@ class Toy(Command):
 @pytest.fixture
 def toy(monkeypatch):
     """Register the command `study` for a test."""
-    monkeypatch.setitem(COMMANDS, "study", Toy("toy:study", ""))
+    monkeypatch.setitem(COMMANDS, "study", Toy("toy:study"))
     monkeypatch.setattr("harvester.cli.table.GROUPS", {"toys": [COMMANDS["study"]]})
 
 
 def values_of(*words):
-    app = App(default_command=Toy("toy:study", "").callback())
+    app = App(default_command=Toy("toy:study").callback())
     function, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
     return function(**bound.arguments)
 

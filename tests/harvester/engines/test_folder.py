@@ -44,7 +44,7 @@ def test_a_second_run_is_refused_by_name_until_the_first_is_killed(tmp_path, oth
     other_run.kill()
     other_run.wait()
     assert main(command) == 0
-    assert (tmp_path / "load-study.nc").exists()
+    assert (tmp_path / "linear-load-study.json").exists()
 
 
 def test_within_one_process_too(tmp_path):

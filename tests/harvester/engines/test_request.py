@@ -20,10 +20,10 @@ from harvester.engines.request import (
     sampling_error_budget,
 )
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
+from harvester.statistics.paired import paired_difference
 
 LINEAR = Scene.read("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.read("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])

@@ -65,7 +65,7 @@ def engine_that(where, converges, energy):
 def test_a_run_that_converges_is_made_once(tmp_path):
     where = scene(tmp_path, STEEP.format("1u"))
     run, calls = engine_that(where, lambda engine: True, lambda engine: 1.0)
-    (found,) = run_converged(where, Circuit(), run)
+    (found,) = run_converged(prepared(where), Circuit(), run)
     assert calls == [Circuit()]
     assert found.moments.note == ""
 
@@ -73,7 +73,7 @@ def test_a_run_that_converges_is_made_once(tmp_path):
 def test_options_are_tried_in_order_and_the_first_that_converges_is_named(tmp_path):
     where = scene(tmp_path, STEEP.format("1u"))
     run, calls = engine_that(where, lambda engine: engine.gmin, lambda engine: 1.0)
-    (found,) = run_converged(where, Circuit(), run)
+    (found,) = run_converged(prepared(where), Circuit(), run)
     settings = [sorted(each.settings) for each in calls]
     ramp, gmin = ["ramp", "scheme"], ["gmin", "scheme"]
     assert settings == [[], ["scheme"], ["step"], ramp, gmin, gmin]
@@ -88,18 +88,18 @@ def test_an_option_that_changes_the_energies_is_refused(tmp_path, slope):
     where = scene(tmp_path, STEEP.format("1u"))
     run, _ = engine_that(where, lambda engine: engine.gmin, lambda e: 1.0 + slope * e.gmin)
     if slope == 0.0:
-        assert run_converged(where, Circuit(), run)[0].moments.note
+        assert run_converged(prepared(where), Circuit(), run)[0].moments.note
         return
     words = r"gmin = 1e-10 S \(refused: changes the energies by 9\.1%\).*cshunt.*e1 \(own\.lib:9\)"
     with pytest.raises(SimulatorAborted, match=words):
-        run_converged(where, Circuit(), run)
+        run_converged(prepared(where), Circuit(), run)
 
 
 def test_monte_carlo_is_not_repeated(tmp_path):
     where = scene(tmp_path, STEEP.format("1u"))
     run, calls = engine_that(where, lambda engine: False, lambda engine: 1.0)
     with pytest.raises(NotConverged):
-        run_converged(where, MonteCarlo(), run)
+        run_converged(prepared(where), MonteCarlo(), run)
     assert len(calls) == 1
 
 

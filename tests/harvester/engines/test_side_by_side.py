@@ -10,9 +10,9 @@ from harvester.base.worker_pool import WorkerPool
 from harvester.cli.command_line import main
 from harvester.engines.side_by_side import copies, share_steps, together
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+from harvester.statistics.paired import paired_difference
 
 MEANS = ("mean_square_voltage", "mean_square_velocity", "mean_input_power", "mean_loss_power")
 

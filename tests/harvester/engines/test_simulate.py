@@ -15,10 +15,10 @@ from truths import flat, interpolated_linear_means
 import harvester
 from harvester.base.errors import EnergyNotBalanced, HarvesterError, SimulatorTimeout
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
+from harvester.statistics.paired import paired_difference
 
 MEANS = (
     "mean_square_voltage",

@@ -134,8 +134,7 @@ def test_white_noise_averages_as_the_limit_of_short_correlation():
 
 
 def test_kinds_that_make_no_sense_are_refused_in_one_line():
-    from harvester.validation.accuracy import accuracy
-    from harvester.validation.stability import stability
+    from harvester.validation.public import accuracy, stability
 
     scene = with_excitation("paper", SINE)
     for call, word in ((stability, "stability"), (accuracy, "accuracy")):

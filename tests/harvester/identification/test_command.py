@@ -44,7 +44,7 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
     words += ["--method", "spectral", "--rows", "16", "--workers", "1"]
     assert main([*words, "--output", str(tmp_path)]) == 0
     capsys.readouterr()
-    found = json.loads((tmp_path / "sensitivity.json").read_text())
+    found = json.loads((tmp_path / "made-identified-sensitivity.json").read_text())
     covariance = json.loads(identified.with_suffix(".json").read_text())
     keys = [covariance["keys"].index(key) for key in ("oscillator.damping", "coil.coupling")]
     table = np.array(covariance["covariance"])[np.ix_(keys, keys)]

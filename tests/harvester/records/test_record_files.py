@@ -166,6 +166,18 @@ def test_what_is_ambiguous_is_refused_with_both_readings(tmp_path, header, keys,
     refused(written(tmp_path, [header], table), *words, **keys)
 
 
+def test_a_unit_behind_any_name_counts_for_the_column_that_the_scene_names(tmp_path):
+    motion = MOTION / 9.80665
+    table = [f"{t:.6f},{a:.8f}" for t, a in zip(TIMES, motion, strict=True)]
+    path = written(tmp_path, ["time,ch2_g"], table)
+    for column in ("ch2_g", "ch2", 1):
+        assert_read(path, column=column)
+    refused(path, "did you mean ch2_g", column="ch3_g")
+    heading = tmp_path / "heading.csv"
+    heading.write_text("time [s],acc [g]\n")
+    refused(heading, "samples are to stand below the heading")
+
+
 def test_a_label_in_brackets_is_no_unit(tmp_path):
     path = written(tmp_path, ["time,acceleration (north)"], rows())
     assert_read(path, unit="m/s^2")

@@ -76,3 +76,13 @@ def test_long_keys_leave_room_for_numbers():
     _, lines, _ = lines_of(Table(["quantity", "equation", "value"], [*rows, *rows]), 80)
     assert max(map(len, lines)) <= 80
     assert "\n".join(lines).count("-3.8638e-10") == 6
+
+
+def test_words_of_keys_stay_whole():
+    key = "excitation.intensity [m²/s³]"
+    rows = [["fokker_planck", str(k), str(7 * k), "1" * 30] for k in range(3)]
+    rows += [["monte-carlo", *row[1:]] for row in rows]
+    _, lines, _ = lines_of(Table(["method", "load.resistance [Ω]", key, "power"], rows), 80)
+    text = "\n".join(lines)
+    for word in ("fokker_planck", "resistance", "intensity"):
+        assert word in text

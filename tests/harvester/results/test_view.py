@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.base.formatting import quantity, share_with_error, with_error
+from harvester.base.formatting import (
+    NOT_KNOWN,
+    Printed,
+    quantity,
+    share_with_error,
+    span,
+    with_error,
+)
 from harvester.results.view import LONGEST_REPR, Picture, ResultBase, View
 from harvester.statistics.estimate import Estimate
 
@@ -77,6 +84,33 @@ def test_a_table_for_people_has_the_values_with_their_errors_and_units():
     ]  # fmt: skip
     assert rows[0] == ["circuit", 2.0744e-3, 5.9e-5, 1e4, 0.1281, 0.0012]
     assert rows[1][:4] == ["theory", 2e-3, None, 2e4]
+
+
+def test_a_frame_has_numbers_in_a_row_for_each_row_of_the_table():
+    pandas = pytest.importorskip("pandas")
+
+    @dataclass(frozen=True, repr=False)
+    class Places(ResultBase):
+        scene = None
+
+        def view(self):
+            header = ["key", "unit", "place ± standard error", "range", "exponent"]
+            rows = [
+                ["a", "kΩ", Printed("1 ± 0", 1e3, 1.0, "Ω"), span(1e3, 2e3, "Ω"), NOT_KNOWN],
+                ["b", "µs", Printed("2", 2e-6, None, "s"), NOT_KNOWN, NOT_KNOWN],
+            ]
+            return View((header, rows), [], records=lambda: (["start"], [[1.0]] * 9))
+
+    frame = Places().to_dataframe()
+    assert len(frame) == 2
+    assert [*frame.columns] == [
+        "key", "unit", "place", "place standard error", "range, low [Ω]", "range, high [Ω]",
+        "exponent",
+    ]  # fmt: skip
+    assert [*frame["unit"]] == ["Ω", "s"]
+    assert all(pandas.api.types.is_numeric_dtype(frame[name]) for name in frame.columns[2:])
+    # The CSV has all records.
+    assert len(Places().data().rows) == 9
 
 
 def test_a_csv_has_an_empty_cell_for_what_is_not_known(tmp_path):

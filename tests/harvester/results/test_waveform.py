@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
 from harvester.engines.simulate import simulate
 from harvester.results import figures
+from harvester.results.files import check_ending, save
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.waveform import Waveform
 from harvester.scene.model import Scene
@@ -72,7 +73,7 @@ def test_ohms_law_in_volts_and_amperes(divided, method):
 def test_files_and_tables(tmp_path):
     scene = Scene.read("device", ["run.realizations=1", "run.duration=2", "run.settle=1"])
     wave = simulate(scene, method="monte-carlo", window=(1.0, 1.5)).waveform
-    wave.save(tmp_path / "w.csv")
+    save(wave, tmp_path / "w.csv")
     with open(tmp_path / "w.csv", newline="") as file:
         header, first, *_ = csv.reader(file)
     assert header[:4] == ["time [s]", "displacement [m]", "velocity [m/s]", "voltage [V]"]
@@ -82,10 +83,10 @@ def test_files_and_tables(tmp_path):
     assert frame["voltage [V]"].to_numpy() == pytest.approx(wave.voltage)
     assert wave.to_xarray()["current"].attrs["unit"] == "A"
     for ending in (".nc", ".png"):
-        wave.save(tmp_path / f"w{ending}")
+        assert save(wave, tmp_path / f"w{ending}") == [f"w{ending}"]
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
-        wave.save(tmp_path / "w.xls")
+        check_ending("w.xls")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]
 
@@ -132,26 +133,15 @@ def waveform(columns, units):
 
 
 @pytest.mark.parametrize("periods", [70, 900])
-def test_a_line_of_many_points_covers_the_pixels_of_all(periods):
-    """Pixel by pixel, for few and many periods in a pixel; the line ends where the run ends."""
-    phase = 2.0 * np.pi * periods * np.linspace(0.0, 1.0, 60_001)
+def test_a_line_of_many_points_is_a_small_file(periods):
+    """matplotlib leaves out points that change no pixel; all of them would be megabytes."""
+    phase = 2.0 * np.pi * periods * np.linspace(0.0, 1.0, 300_001)
     values = (1.0 + 0.2 * np.cos(phase / periods)) * np.sin(phase)
     wave = waveform({"velocity": values, "voltage": values}, {"velocity": "m/s", "voltage": "V"})
-
-    def image(figure):
-        FigureCanvasAgg(figure).draw()
-        return np.asarray(figure.canvas.buffer_rgba())[..., 0].astype(float)
-
     figure = wave.figure()
-    (axes,) = figure.axes
-    (line,) = axes.lines
-    assert len(line.get_xdata()) < 5000
+    (line,) = figure.axes[0].lines
     assert line.get_xdata()[-1] == wave.time[-1]
-    drawn = image(figure)
-    line.set_data(wave.time, values)
-    full = image(figure)
-    assert (full < 200.0).sum() > 5000
-    assert np.mean(np.abs(drawn - full) > 100.0) < 2e-3
+    assert len(figures.image(figure)) < 300_000
 
 
 def test_a_column_constant_but_for_rounding_and_a_negative_offset():

@@ -29,6 +29,7 @@ def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
         ((), {"engine": "circuit"}, "no option engine; there are method, step"),
         ((), {"stop": 1.0}, "no option stop .did you mean step"),
         ((), {"zzzz": 1.0}, "no option zzzz; there are method, step"),
+        ((), {"seed": 3}, r"no option seed; it is a value of the scene: .*run\.seed"),
         (("circuit",), {}, "'circuit' stands without its name: .* method="),
     ],
 )
@@ -36,6 +37,11 @@ def test_other_options_are_refused_with_the_nearest(arguments, options, words):
     with pytest.raises(harvester.UnknownOption, match=words) as raised:
         takes_scene(power)("paper", *arguments, **options)
     assert isinstance(raised.value, TypeError)
+
+
+def test_an_option_of_the_command_is_answered_with_its_name_in_python():
+    with pytest.raises(harvester.UnknownOption, match=r"no option sweep .did you mean over"):
+        harvester.load_study("device", sweep={"load.resistance": [1e4]})
 
 
 # What a study goes over, where it must be told, stands behind the scene.

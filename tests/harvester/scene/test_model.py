@@ -111,6 +111,32 @@ def test_unknown_scene_and_broken_file_are_refused(tmp_path):
         Scene.read(broken)
     with pytest.raises(SceneError, match="no such scene file"):
         Scene.read(tmp_path / "missing.toml")
+    for word in ("brken.toml", "broken.tml"):
+        with pytest.raises(SceneError, match=r"did you mean .*broken\.toml"):
+            Scene.read(tmp_path / word)
+
+
+def test_a_suffix_that_is_no_number_is_answered_in_the_unit_of_the_key():
+    for key, text, answer in (
+        ("oscillator.mass", "8.6g", r"write 0\.0086 \(kg\) for 8\.6 grams$"),
+        ("excitation.rms", "0.5 g", r"write 4\.90332 \(m/s²\) for 0\.5 g of acceleration$"),
+        ("oscillator.damping_ratio", "0.5g", "write 0.5, without the unit g$"),
+        ("oscillator.damping_ratio", "2.5 %", "write 0.025 for 2.5 %$"),
+    ):
+        with pytest.raises(SceneError, match=answer):
+            Scene.read("device", [f"{key}={text}"])
+
+
+def test_replace_refuses_keys_that_exclude_each_other():
+    scene = Scene.read("device")
+    for changes in (
+        {"load.resistance": 5e4, "load.netlist": "bridge"},
+        {"load.netlist": "bridge", "load.resistance": 5e4},
+    ):
+        with pytest.raises(SceneError, match=r"replace load\..* exclude each other"):
+            scene.replace(changes)
+    with pytest.raises(SceneError, match="exclude each other"):
+        scene.replace(load={"resistance": 5e4, "netlist": "bridge"})
 
 
 def test_replace_checks_and_leaves_the_original_alone():
@@ -125,6 +151,18 @@ def test_replace_checks_and_leaves_the_original_alone():
     assert scene.replace(stoppers=None).stoppers == ()
     with pytest.raises(SceneError, match=r"stoppers\.gap"):
         scene.replace({"stoppers.gap": -1.0})
+
+
+def test_a_copy_may_have_another_name():
+    scene = Scene.read("linear")
+    for copy in (scene.replace(name="mine"), scene.replace({"name": "mine", "run.seed": 1})):
+        assert (copy.name, copy.oscillator) == ("mine", scene.oscillator)
+    assert scene.replace(name="mine").digest() == scene.digest()
+    assert Scene.from_dict({"name": "mine", **scene.to_tables()}).name == "mine"
+    with pytest.raises(SceneError, match="name = 3: must be a text"):
+        scene.replace(name=3)
+    with pytest.raises(SceneError, match=r"unknown key seed .did you mean run\.seed"):
+        scene.replace(seed=3)
 
 
 def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():

@@ -6,6 +6,7 @@ from circuits.netlist.measures import Measure
 from harvester.device.record import Record
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import (
+    NO_OUTPUT,
     NOT_STARTED,
     ROUNDED_OFF,
     STARTS_CHARGED,
@@ -142,7 +143,14 @@ def test_an_hour_is_extrapolated_from_even_charging_alone():
     assert stored.estimate == pytest.approx(3600.0 * 1.5 * 0.1, rel=1e-3)
     uneven = estimate_output([charging(77)])["stored_energy_per_hour"]
     assert np.isnan(uneven.estimate)
-    assert "changes by 100% between the halves of the measured 16 s" in uneven.note
+    assert "changes by 100% of the larger between the halves of the measured 16 s" in uneven.note
+
+
+def test_nothing_across_the_output_is_the_reason_for_its_power_of_0():
+    moments = charging(77)
+    moments.output.conductance = 0.0
+    power = estimate_output([moments])["mean_output_power"]
+    assert (power.estimate, power.note) == (0.0, NO_OUTPUT)
 
 
 def test_an_output_that_starts_charged_has_no_start_up_time():

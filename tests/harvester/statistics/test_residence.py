@@ -10,10 +10,10 @@ import pytest
 from harvester import Scene
 from harvester.engines.methods import MonteCarlo
 from harvester.engines.realization import empty_moments, run
-from harvester.results.paired import paired_difference
 from harvester.scene.prepared import prepared
 from harvester.statistics.densities import densities
 from harvester.statistics.moments import QUANTITIES, WELLS
+from harvester.statistics.paired import paired_difference
 from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.run_quantities import estimate_all
 from harvester.statistics.well_balance import _changes, _stationary, weighted, well_balance

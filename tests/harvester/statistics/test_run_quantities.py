@@ -10,7 +10,6 @@ from harvester.device.record import Record
 from harvester.engines.methods import MonteCarlo
 from harvester.engines.realization import empty_moments, run
 from harvester.engines.simulate import simulate
-from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.balance import energy_balance_residual
@@ -23,6 +22,7 @@ from harvester.statistics.batch_means import (
 from harvester.statistics.densities import densities
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
+from harvester.statistics.paired import deviations, paired_difference
 from harvester.statistics.run_estimates import correlation_time, run_estimates
 from harvester.statistics.run_quantities import estimate_all
 
@@ -115,6 +115,25 @@ def test_short_runs_are_covered_where_their_correlation_time_is_known(error_of, 
             inside.append(abs(series.mean() - 1.0) < 1.96 * error)
     assert len(inside) > 0.9 * 400
     assert 0.91 < np.mean(inside) < 0.98
+
+
+@pytest.mark.parametrize(
+    ("change", "memory", "widest"), [(0.0, 3.0, 1.2), (1.0, 0.0, 1.8), (1.0, 3.0, 1.8)]
+)
+def test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error(change, memory, widest):
+    """Input power under white noise has no correlation time; efficiencies hold a rate of change.
+
+    Mean errors of 200 seeds are known to 2 %. With the correlation time, or with neighbours taken
+    for independent, they are 1.6 to 5 times the scatter.
+    """
+    errors = []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        series = 0.3 * random.standard_normal((1, 256))
+        series += change * np.diff(random.standard_normal((1, 257)), axis=1)
+        errors.append(standard_error(series, memory=memory))
+    exact = np.hypot(0.3 / 16.0, change * np.sqrt(2.0) / 256.0)
+    assert 0.95 * exact < np.mean(errors) < widest * exact
 
 
 def test_below_ten_correlation_times_there_is_no_error():

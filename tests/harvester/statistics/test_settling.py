@@ -12,9 +12,9 @@ from harvester.engines.methods import ENGINES
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.statistics.estimate import UNRESOLVED
+from harvester.statistics.estimate import UNRESOLVED, Estimate
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.settling import left_of_start, shortfalls, withheld
+from harvester.statistics.settling import _expected_jumps, left_of_start, shortfalls, withheld
 
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
@@ -92,6 +92,18 @@ def test_jumps_that_may_be_missed_are_named_and_impossible_ones_are_not(pool, in
     assert result.scaled_quantities["well_crossing_rate"].estimate == 0.0
     assert result.scaled_quantities["well_crossing_rate"].standard_error is None
     assert [words in note for note in notes_of(result)] == ([True] if words else [])
+
+
+def test_jumps_are_expected_by_the_upper_end_of_the_energy_s_interval():
+    """Else runs with little energy by chance keep bars, and their means are all too low."""
+    scene = Scene.read("paper", ["run.realizations=4", "run.duration=500"])
+    moments = series(scene, np.ones((4, 16)))
+
+    def jumps(energy, error):
+        estimates = {"mean_square_velocity": Estimate(energy, error, None, "velocity^2")}
+        return _expected_jumps(prepared(scene).system, moments, estimates)
+
+    assert jumps(0.12, 0.015) == jumps(0.15, None) > 2.0 * jumps(0.12, None)
 
 
 def series(scene, values):

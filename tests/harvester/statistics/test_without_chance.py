@@ -57,6 +57,19 @@ def test_starts_on_one_path_do_not_count_as_independent():
         assert error(np.repeat(noise, 16, axis=0)) == pytest.approx(error(noise), rel=1e-12)
 
 
+@pytest.mark.parametrize("starts", [None, 4])
+def test_what_a_store_gains_over_one_path_does_not_scatter(starts):
+    """Only drawn starts are by chance: batches of a change are no samples of it."""
+    changes = np.random.default_rng(4).standard_normal((starts or 1, 64))
+    sweep = {"kind": "swept-sine", "amplitude": 1.0, "frequency": 2.0, "end_frequency": 9.0}
+    scene = Scene.read("device").replace({"excitation": sweep, "run.starts": starts})
+    among = np.std(changes.mean(axis=1), ddof=1) / 2.0 if starts else 0.0
+    assert error_of(scene, change=True)(changes) == pytest.approx(among, rel=1e-12)
+    assert error_of(scene)(changes) > among
+    noisy = Scene.read("device")
+    assert error_of(noisy, change=True)(changes) == error_of(noisy)(changes)
+
+
 @pytest.mark.slow
 def test_realizations_without_chance_are_as_many_as_their_starts():
     scene = Scene.read("device").replace({"excitation": SINE, "run.duration": 2.0})

@@ -9,10 +9,10 @@ from circuits.equivalent.assembly import assemble
 from harvester.averaging.of_scene import average
 from harvester.cli.command_line import main
 from harvester.engines.simulate import simulate
-from harvester.results.paired import paired_difference
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+from harvester.statistics.paired import paired_difference
 from harvester.studies.comparison.comparison import Comparison
 
 EMPTY = {"meta", "img", "br"}

@@ -179,7 +179,7 @@ def test_figures_and_files_are_made():
     json.dumps(study.to_dict(), allow_nan=False)
     header, rows = study.table()
     assert {len(row) for row in rows} == {len(header)}
-    assert len(study.device_table().splitlines()) == 1 + 16 * 5
+    assert len(study.view().texts()["-devices.csv"].splitlines()) == 1 + 16 * 5
     for draw in (draw_tornado, draw_distribution):
         assert figures.picture(draw, study, "png").startswith(b"\x89PNG")
 
@@ -190,11 +190,12 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     command += ["--set", "run.settle=20", "--rows", "16", "--vary", "load.decay_rate=±60%"]
     assert main([*command, "--workers", "2", "--output", str(tmp_path)]) == 0
     assert "total index" in capsys.readouterr().out
-    content = json.loads((tmp_path / "sensitivity.json").read_text())
+    name = "linear-sensitivity"
+    content = json.loads((tmp_path / f"{name}.json").read_text())
     assert content["rows"] == 16
-    assert len((tmp_path / "sensitivity.csv").read_text().splitlines()) == 1 + 16 * 3
-    assert (tmp_path / "tornado.png").exists()
-    assert (tmp_path / "distribution.png").exists()
+    assert len((tmp_path / f"{name}-devices.csv").read_text().splitlines()) == 1 + 16 * 3
+    assert (tmp_path / f"{name}-tornado.png").exists()
+    assert (tmp_path / f"{name}-distribution.png").exists()
 
 
 @pytest.mark.parametrize("text", ["load.decay_rate", "load.decay_rate=", "load.decay_rate=5"])

@@ -18,12 +18,12 @@ from harvester.cli.command_line import main
 from harvester.cli.console import show_view
 from harvester.engines.methods import Circuit, MonteCarlo
 from harvester.engines.simulate import simulate
+from harvester.results.files import save
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
-from harvester.studies.loads.study import save
 from harvester.studies.public import load_study
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -287,16 +287,17 @@ def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
         process.wait()
     kept = {path: path.stat().st_mtime_ns for path in broken.glob("points/[!.]*.npz")}
     assert 5 <= len(kept) < len(pieces)
-    assert not (broken / "load-study.nc").exists()
+    assert not (broken / "linear-load-study.nc").exists()
     assert main(["load-study", *COMMAND, "--output", str(broken)]) == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     # What was being written at the kill is gone too.
     assert {path.name for path in (broken / "points").iterdir()} == pieces
     first, second = (
-        xarray.load_dataset(folder / "load-study.nc", engine="scipy") for folder in (whole, broken)
+        xarray.load_dataset(folder / "linear-load-study.nc", engine="scipy")
+        for folder in (whole, broken)
     )
     assert first.identical(second)
-    rows = list(csv.DictReader((whole / "load-study.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((whole / "linear-load-study.csv").read_text().splitlines()))
     assert [float(row["output_power [scaled power]"]) for row in rows] == pytest.approx(
         first.output_power.values.ravel().tolist(), rel=1e-8
     )
@@ -383,8 +384,8 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
 
 def test_its_files_hold_what_it_found(study, tmp_path):
     xarray = pytest.importorskip("xarray")
-    names = save(study, tmp_path)
-    assert all((tmp_path / name).stat().st_size > 1000 for name in names)
+    assert len(save(study, tmp_path, "load-study")) == 6
+    assert all(path.stat().st_size > 1000 for path in tmp_path.iterdir())
     found = xarray.load_dataset(tmp_path / "load-study.nc", engine="scipy")
     assert found.identical(study.to_xarray())
     powers = [evaluation.power for evaluation in study.evaluations]

@@ -9,6 +9,8 @@ from truths import flat, interpolated_linear_means
 
 import harvester
 from harvester.cli.command_line import main
+from harvester.device import timescales
+from harvester.engines.realization import quantity_names
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -69,8 +71,7 @@ def test_views_have_the_same_numbers(swept):
     data = swept.to_xarray()["mean_power"]
     assert data.dims == ("excitation.intensity", KEY, "method")
     table = swept.to_dataframe()
-    powers = table[table["quantity"] == "mean_power"]["estimate"].to_numpy()
-    assert np.array_equal(powers, data.values.ravel())
+    assert np.array_equal(table["mean power [scaled power]"].to_numpy(), data.values.ravel())
 
 
 def test_a_precision_adds_realizations_and_closures_have_none(pool):
@@ -101,16 +102,44 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
         ({KEY: [1.0]}, {"methods": ["spice"]}, "unknown method spice"),
         ({KEY: [1.0]}, {"methods": []}, "at least one"),
         ({KEY: [1.0]}, {"methods": ["circuit", "circuit"]}, "each once"),
-        (
-            {KEY: [1.0]},
-            {"methods": ["consistent"], "quantities": ["mean_powr"]},
-            "did you mean mean_power",
-        ),
+        ({KEY: [1.0]}, {"methods": ["consistent"], "quantities": [""]}, "there are mean_square"),
     ],
 )
 def test_mistakes_are_named(over, options, words):
     with pytest.raises(harvester.HarvesterError, match=words):
         harvester.sweep("linear", over, workers=1, **options)
+
+
+@pytest.mark.parametrize("method", ["monte-carlo", "consistent"])
+def test_a_misspelt_quantity_is_refused_before_anything_runs(method):
+    for study, arguments in (
+        (harvester.sweep, {"over": {KEY: [1.0]}, "methods": [method], "quantities": ["mean_powr"]}),
+        (harvester.sensitivity, {"vary": {KEY: "±10%"}, "method": method, "quantity": "mean_powr"}),
+        (
+            harvester.optimum,
+            {"over": {KEY: (1, 2), "piezo.coupling": (1, 2)}, "maximise": "mean_powr"},
+        ),
+    ):
+        with pytest.raises(harvester.HarvesterError, match="did you mean mean_power"):
+            study("linear", **arguments, executor=RunsNothing())
+
+
+class RunsNothing:
+    """An executor that is not to be used."""
+
+    def submit(self, *_):
+        raise AssertionError("a run began")
+
+
+@pytest.mark.parametrize("name", ["device", "asymmetric", "bridge"])
+def test_all_quantities_of_a_run_are_known_before_it(name, pool):
+    scene = Scene.read("linear" if name == "bridge" else name)
+    scene = scene.replace({"load": {"netlist": name}} if name == "bridge" else {})
+    cycle = 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
+    run = {"duration": 5 * cycle, "settle": cycle, "realizations": 2}
+    scene = scene.replace(run=run)
+    found = harvester.simulate(scene, method="monte-carlo", executor=pool)
+    assert {*found.quantities} <= {*quantity_names(scene)}
 
 
 def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):

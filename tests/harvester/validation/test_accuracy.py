@@ -17,13 +17,13 @@ from harvester.engines.opening import open_runner
 from harvester.engines.simulate import simulate
 from harvester.engines.task import Task
 from harvester.results import figures, palette
-from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.paired import paired_difference
 from harvester.validation import MEANS, STATES, exact_paths
 from harvester.validation import accuracy_measurement as measurement
-from harvester.validation.accuracy import accuracy, duration, reached
+from harvester.validation.accuracy import duration, reached
 from harvester.validation.accuracy_drawing import draw
 from harvester.validation.accuracy_measurement import Timed, TotalError, bias_of
 from harvester.validation.accuracy_methods import (
@@ -34,6 +34,7 @@ from harvester.validation.accuracy_methods import (
     THOROUGH_METHODS,
     ComparedMethod,
 )
+from harvester.validation.public import accuracy
 
 SQUARE = "mean_square_voltage"
 FAMILIES = {

@@ -19,7 +19,8 @@ from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import MEANS
 from harvester.validation import stability as module
 from harvester.validation.formulas import rebound_speed
-from harvester.validation.stability import StabilityMatrix, stability
+from harvester.validation.public import stability
+from harvester.validation.stability import StabilityMatrix
 from harvester.validation.stability_cases import (
     STEP_BUDGET,
     Case,
@@ -220,7 +221,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
     wrong = StabilityMatrix(Scene.read("paper"), [row], 1.0)
-    monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
+    monkeypatch.setattr(module, "matrix_of", lambda *_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
 

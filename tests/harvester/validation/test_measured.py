@@ -11,6 +11,7 @@ import pytest
 from harvester.engines.runner import Runner
 from harvester.validation import entries
 from harvester.validation.known_results import downloaded, linear_scatter, measured, points_of
+from harvester.validation.public import verify
 from harvester.validation.verify import (
     HOLDS,
     MISSES,
@@ -18,7 +19,6 @@ from harvester.validation.verify import (
     TruthRow,
     Verification,
     measured_page,
-    verify,
 )
 
 DEVICES = entries("known_results")["device"]

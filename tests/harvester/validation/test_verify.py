@@ -16,6 +16,7 @@ from harvester.validation import entries, formulas, tasks
 from harvester.validation import verify as module
 from harvester.validation.known_results import catalogue
 from harvester.validation.paths import ignore
+from harvester.validation.public import verify
 from harvester.validation.verify import (
     BLUNT,
     FAILS,
@@ -24,7 +25,6 @@ from harvester.validation.verify import (
     TruthRow,
     Verification,
     row_of,
-    verify,
 )
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.

@@ -7,7 +7,7 @@ import pytest
 
 from harvester.results.orbit import share_error
 from harvester.scene.model import Scene
-from harvester.studies.orbits.residence import stays_of
+from harvester.studies.orbits.residence import Residence, ResidenceTime, stays, stays_of
 
 
 @pytest.mark.parametrize(("part", "count"), [(30, 100), (500, 1000)])
@@ -19,6 +19,15 @@ def test_the_error_of_a_share_is_that_of_as_many_starts(part, count):
 
 def test_a_share_of_all_starts_is_not_certain():
     assert share_error(100, 100) == pytest.approx(math.sqrt(0.5) / 100.0, rel=0.02)
+
+
+@pytest.mark.parametrize("precision", [None, 0.05])
+def test_a_precision_that_was_given_is_not_asked_for(precision):
+    stays = [ResidenceTime(None, 1.0, 5.0, None, 3, 15.0, None, "")]
+    residence = Residence(Scene.read("duffing"), None, stays, "", "", 0.0, precision)
+    text = " ".join(residence.sentences())
+    assert ("precision" in text and "--precision" not in text) == (precision is not None)
+    assert "raise run.duration = " in text
 
 
 def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
@@ -33,3 +42,11 @@ def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
         (stay,) = stays_of(scene, None, times, draws.poisson(times / mean).astype(float))
         off.append((stay.time - mean) / stay.standard_error)
     assert np.mean(np.square(off)) == pytest.approx(1.0, rel=0.25)
+
+
+def test_the_time_before_settling_is_no_part_of_the_stays():
+    """At rest a device leaves its well later than later on: means would be too long."""
+    length = {"run.settle": 30.0, "run.duration": 50.0, "run.realizations": 2}
+    scene = Scene.read("duffing").replace(length)
+    answer = stays(scene, "monte-carlo", [0, 1], "default", lambda _: None)
+    assert answer["times"].sum() == pytest.approx(2 * 50.0, rel=1e-6)

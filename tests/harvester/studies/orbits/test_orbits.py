@@ -666,3 +666,17 @@ def test_basins_say_the_plane_of_their_starts():
 def test_a_grid_along_one_key_has_one_form(over, values):
     with pytest.raises(HarvesterError, match=r"^over: .*give one key with its values"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over=over, values=values)
+
+
+def test_a_start_that_diverges_is_an_outcome_of_its_own(pool):
+    """A start far out overflows; the other ones go on."""
+    sine = {"kind": "sine", "amplitude": 0.3, "frequency": 0.2}
+    scene = Scene.read("duffing").replace({"excitation": sine})
+    found = harvester.basins(
+        scene, displacement=[0.5, 1e9], velocity=[0.0], periods=20, executor=pool
+    )
+    assert [orbit.kind for orbit in found.orbits][-1] == "diverges"
+    assert found.orbit[0, 1] == len(found.orbits) - 1
+    assert any("values overflow" in line for line in found.sentences())
+    with pytest.raises(HarvesterError, match=r"must be rising numbers, such as numpy.linspace"):
+        harvester.basins(scene, displacement=[0.0, -1.0], executor=pool)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from harvester.engines.residual_cause import suspected_cause
 from harvester.engines.simulate import simulate
-from harvester.results.residual_cause import suspected_cause
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.balance import energy_balance_residual

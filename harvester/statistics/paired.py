@@ -11,13 +11,14 @@ from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.statistics.estimate import Estimate, why_no_error
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.output_side import RATIOS, output_ratio
+from harvester.statistics.output_side import RATIOS, output_ratios
 from harvester.statistics.run_quantities import MEANS
-from harvester.statistics.well_balance import WellBalance, weighted, well_balance
+from harvester.statistics.well_balance import weighted, well_balance
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
 SAME_WELLS = 0.01
+EFFICIENCY = "power_conversion_efficiency"
 
 
 def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
@@ -51,65 +52,50 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
     differences = {}
-    for name, (quantity, _) in MEANS.items():
-        row = QUANTITIES.index(quantity)
-        if not theirs[:, :, row].any():
+    for name in MEANS:
+        pairs = [_of_batches(batches, name) for batches in (ours, theirs)]
+        (upper, _), (reference_upper, _) = pairs
+        if not reference_upper.any():
             continue
-        ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
+        ratio, error = ratio_of_sums(upper, reference_upper)
         if any(balances) and ratio:
-            shares = [_share(batches, row) for batches in (ours, theirs)]
-            error = _relative_error(shares, balances)
-            error = None if error is None else abs(ratio) * error
+            error = _error(ratio, pairs, balances)
+        differences[name] = Estimate(ratio - 1.0, error, None, "1", why_no_error(ratio, error))
+    pairs = [_of_batches(batches, EFFICIENCY) for batches in (ours, theirs)]
+    if all(load.any() for load, _ in pairs):
+        of_ours, of_theirs = (load.sum() / absorbed.sum() for load, absorbed in pairs)
+        ratio = float(of_ours / of_theirs)
+        error = _error(ratio, pairs, balances)
         note = why_no_error(ratio, error)
-        differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
-    efficiency = _paired_efficiency(ours, theirs, balances)
-    return differences | ({"power_conversion_efficiency": efficiency} if efficiency else {})
+        differences[EFFICIENCY] = Estimate(ratio - 1.0, error, None, "1", note)
+    return differences
 
 
-def _share(batches, row):
-    """Deviation of each batch from a mean over time, as a share of the mean."""
-    sums, time = batches[:, :, row], batches[:, :, QUANTITIES.index("time")]
-    return sums / sums.mean() - time / time.mean()
+def _error(ratio, pairs, balances):
+    """Standard error of the ratio of two estimates, with what jumps add to each.
 
-
-def _relative_error(shares, balances):
-    """Standard error of the difference of two results' shares, with what jumps add to each.
-
-    Where both went through the same wells in every batch, what jumps add is common to both.
+    Each is a ratio of sums over batches, linearised. Where both went through the same wells in
+    every batch, what jumps add is common to both.
     """
+    shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances
     if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
-        return standard_error(shares[0] - shares[1])
+        return _times(standard_error(shares[0] - shares[1]), ratio)
     parts = []
     for share, balance in zip(shares, balances, strict=True):
         if balance is not None and balance.error(share) is None:
             return None
         parts.append(share if balance is None else balance.parts(share))
-    error = WellBalance.error_of_parts if any(balances) else standard_error
-    return error(parts[0] - parts[1])
+    return _times(standard_error(parts[0] - parts[1]), ratio)
 
 
-def _paired_efficiency(ours, theirs, balances):
-    """Relative difference of Eq. 35, both ratios linearised batch by batch; None without power."""
-    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
-    shares = []
-    for batches in (ours, theirs):
-        absorbed = batches[:, :, load] + batches[:, :, loss]
-        if not batches[:, :, load].any():
-            return None
-        # For each batch: its load power over the mean of all, less its used power over the mean of
-        # all.
-        share = batches[:, :, load] / batches[:, :, load].mean() - absorbed / absorbed.mean()
-        shares.append((batches[:, :, load].sum() / absorbed.sum(), share))
-    ratio = float(shares[0][0] / shares[1][0])
-    error = _relative_error([share for _, share in shares], balances)
-    note = why_no_error(ratio, error)
-    return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
+def _times(error, ratio):
+    return None if error is None else abs(ratio) * error
 
 
 def has_deviations(name: str) -> bool:
     """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
-    return name in MEANS or name in RATIOS or name == "power_conversion_efficiency"
+    return name in MEANS or name in (*RATIOS, EFFICIENCY)
 
 
 def deviations(moments: Sequence[Moments], name: str) -> Any:
@@ -126,9 +112,13 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
 def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
     """The sums over batches that a quantity is the ratio of; see `deviations`."""
     if name in RATIOS:
-        return output_ratio(moments, name)
-    batches: Any = complete_batches(moments)
-    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
-    if name == "power_conversion_efficiency":
-        return batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
-    return batches[:, :, QUANTITIES.index(MEANS[name][0])], batches[:, :, QUANTITIES.index("time")]
+        return output_ratios(moments)[name]
+    return _of_batches(complete_batches(moments), name)
+
+
+def _of_batches(batches, name):
+    """The two sums of complete batches that a mean, or the efficiency (Eq. 35), is the ratio of."""
+    column = {quantity: batches[:, :, k] for k, quantity in enumerate(QUANTITIES)}
+    if name == EFFICIENCY:
+        return column["load_power"], column["load_power"] + column["loss_power"]
+    return column[MEANS[name][0]], column["time"]

@@ -3,11 +3,11 @@
 import pytest
 
 from harvester.engines.simulate import simulate
-from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.output_side import RATIOS, estimate_output
+from harvester.statistics.paired import deviations, has_deviations
 from harvester.statistics.run_quantities import estimate_all
 
 

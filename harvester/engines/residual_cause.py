@@ -1,0 +1,133 @@
+"""The likeliest cause of an energy balance that does not close, from the run's own record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.scene.passband import misplacement
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_contact
+from harvester.statistics.balance import stored_change
+from harvester.statistics.moments import QUANTITIES
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
+
+# The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
+# trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω. Under
+# noise far above the resonance that is the motion's mean frequency.
+STEP_ERROR_FACTOR = 10.0
+# A run counts as short when the energy stored in the device changes by at least this share of the
+# energy that flows through it.
+STORED_SHARE_OF_SHORT_RUNS = 0.5
+# A residual is ascribed to load or damper when, over at least so many realizations, it has at least
+# this correlation with what that part dissipates.
+FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
+CONVERTER_LOSS = "mean_converter_loss"
+
+
+def suspected_cause(result: Result) -> str:
+    """One clause that names the likeliest cause of the energy balance residual, with evidence."""
+    return next(_causes(result))
+
+
+def _causes(result):
+    """Clauses on the causes that the evidence suggests, the most certain first."""
+    p, converter = prepared(result.scene).system, result.scaled_quantities.get(CONVERTER_LOSS)
+    # Integrals of each realization, and the change of its stored energy.
+    sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
+    totals = {name: sums[:, column] for column, name in enumerate(QUANTITIES)}
+    stored = np.array([stored_change(m, p) for m in result.moments])
+    put_in, taken = totals["input_power"].sum(), totals["load_power"].sum()
+    if not (np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored))):
+        yield (
+            "the run diverged, its energies are not finite: look for a negative resistance or "
+            "a gain that feeds back in the load"
+        )
+    if taken < 0.0:
+        yield (
+            f"the load is active: it delivers {-taken / max(abs(put_in), -taken):.0%} of the "
+            "energy that flows; take sources, negative resistances and gains that feed back out "
+            "of its netlist"
+        )
+    if converter and converter.estimate < 0.0:
+        yield (
+            "the load's output takes more than goes into the load: there is a source in its "
+            "netlist, or its resistors and capacitors are not what was read"
+        )
+    flow = max(abs(put_in), taken)
+    share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
+    if not share < STORED_SHARE_OF_SHORT_RUNS:
+        yield (
+            f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+            "that its ends matter; raise run.duration"
+        )
+    fastest = _fastest(result)
+    beyond_steps = (
+        abs(result.energy_balance_residual)
+        >= STEP_ERROR_FACTOR * (fastest * result.step) ** 2 / 12.0
+    )
+    absorbers = _absorbers(totals, stored)
+    if absorbers and beyond_steps:
+        missing = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
+        share = missing.sum() / next(iter(absorbers.values())).sum()
+        names = " or the ".join(absorbers)
+        yield (
+            f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it "
+            f"in every realization; the circuit's {names} differs from the one that the power is "
+            "computed with (its value, its parameters, a temperature or a multiplier)"
+        )
+    load = result.scene.load.circuit
+    if load and load.switches and beyond_steps:
+        yield (
+            "the load's switches, coils or sources ask for shorter steps than these; choose a "
+            "shorter --step"
+        )
+    impacts, contact_time = totals["impacts"].sum(), timescales.contact_time(p)
+    resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
+    if impacts and not contact_time > resolving * result.step:
+        yield (
+            f"contacts: {impacts:.0f} of about {contact_time:.2g} s each, against "
+            f"steps of {result.step:.2g} s between them; choose a shorter --step"
+        )
+    if not beyond_steps:
+        yield (
+            f"the step: {result.step:.2g} s is {fastest * result.step / (2.0 * np.pi):.2g} of the "
+            "fastest period; choose a shorter --step"
+        )
+    yield (
+        "neither load, contacts, step nor length of the run explains it: compare a run with "
+        "--step fine"
+    )
+
+
+def _absorbers(totals, stored):
+    """Energies of the parts that the missing energy is proportional to, rather than to the loss."""
+    if len(stored) < FEWEST_REALIZATIONS:
+        return {}
+    missing = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
+    loss = totals["loss_power"] - totals["transducer_loss"]
+    least = max(LEAST_CORRELATION, _together(missing, loss))
+    energies = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
+    return {
+        name: energy for name, energy in energies.items() if _together(missing, energy) >= least
+    }
+
+
+def _together(left, taken):
+    """Squared correlation of the residuals with an energy, through the origin."""
+    squares = float(np.sum(left**2) * np.sum(taken**2))
+    return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _fastest(result):
+    """Angular frequency of the fastest motion, the device's own or that under the excitation."""
+    prepared_scene = prepared(result.scene)
+    natural = timescales.fastest_angular_frequency(prepared_scene.system)
+    if prepared_scene.scene.excitation.prescribes_displacement:
+        return natural
+    # Far above the resonance E[X²] goes with the fourth power of the frequency.
+    return max(natural, 0.5 * misplacement(prepared_scene, knot_spacing(prepared_scene), 2) ** 0.5)

@@ -1,0 +1,149 @@
+"""The checks of the program that users call.
+
+A signature and its docstring are the options of a command and their help; what computes is imported
+inside, so that reading them needs no numba.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Unpack
+
+from harvester.base.signatures import RunnerOptions, Step
+from harvester.engines.simulate import check_step, require_noise
+from harvester.scene.calling import checked, takes_scene
+from harvester.validation import TIME_LIMIT
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.validation.accuracy import Accuracy
+    from harvester.validation.accuracy_methods import ComparedMethod
+    from harvester.validation.known_results import Truth
+    from harvester.validation.stability import StabilityMatrix
+    from harvester.validation.stability_cases import Case
+    from harvester.validation.verify import Verification
+
+
+@checked
+def verify(
+    *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
+) -> Verification:
+    """Exact and published results beside this project's.
+
+    Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
+    Carlo and the stationary solver; exit code 1 where one disagrees.
+
+    Parameters
+    ----------
+    **running
+        See `harvester.open_runner`.
+
+    Other Parameters
+    ----------------
+    chosen : sequence of Truth or None
+        Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
+
+    Examples
+    --------
+    ::
+
+        harvester verify --output results
+    """
+    from harvester.engines.opening import open_runner
+    from harvester.validation.verify import verification
+
+    with open_runner(**running) as runner:
+        return verification(runner, chosen)
+
+
+@takes_scene
+def stability(
+    scene: Scene = "paper",  # type: ignore[assignment]  # of the command
+    *,
+    cases: Sequence[Case] | None = None,
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> StabilityMatrix:
+    """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Device that the cases are variations of; its seed is kept, its run length is not.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    time_limit : float
+        Wall-clock limit of one case by one method (default: 120).
+    **running
+        See `harvester.open_runner`.
+
+    Other Parameters
+    ----------------
+    cases : sequence of Case or None
+        None: `harvester.validation.stability_cases.default_cases`.
+
+    Raises
+    ------
+    HarvesterError
+        The excitation is no noise.
+
+    Examples
+    --------
+    ::
+
+        harvester stability paper --output results
+    """
+    from harvester.engines.opening import open_runner
+    from harvester.validation.stability import matrix_of
+
+    step = check_step(step)
+    require_noise(scene, "stability")
+    running.setdefault("time_limit", TIME_LIMIT)
+    with open_runner(**running) as runner:
+        return matrix_of(scene, runner, cases, step)
+
+
+@takes_scene
+def accuracy(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    methods: Sequence[ComparedMethod] | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Accuracy:
+    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        The scene; means are compared over its own [run].
+    thorough : bool
+        More paths, steps and realizations.
+    **running
+        See `harvester.open_runner`. What is kept holds the times that were measured.
+
+    Other Parameters
+    ----------------
+    methods : sequence of ComparedMethod or None
+        None: all of them, and the throughput of every way to run the circuit.
+
+    Raises
+    ------
+    HarvesterError
+        The excitation is no noise, or the reference itself failed.
+    OutOfTime
+        The time budget was spent before it was there.
+
+    Examples
+    --------
+    ::
+
+        harvester accuracy paper --output results
+    """
+    from harvester.engines.opening import open_runner
+    from harvester.validation.accuracy import Accuracy
+    from harvester.validation.accuracy_measurement import measure
+
+    require_noise(scene, "accuracy")
+    with open_runner(**running) as runner:
+        return Accuracy(**measure(scene, runner, thorough, methods))
