@@ -180,6 +180,8 @@ class Table:
 
     Attributes
     ----------
+    NAME
+        Name of the table in a scene; None: that of the class in small letters.
     KEYS
         Keys that the table may hold.
     UNITS
@@ -188,6 +190,7 @@ class Table:
         Groups of keys that give the same property.
     """
 
+    NAME: ClassVar[str | None] = None
     KEYS: ClassVar[dict[str, Key]] = {}
     UNITS: ClassVar[tuple[str, ...]] = ()
     ALTERNATIVES: ClassVar[tuple[OneOf, ...]] = ()
@@ -200,10 +203,12 @@ def table(cls: type[Declared]) -> type[Declared]:
     The refusal of an assignment names `Scene.replace`.
     """
 
+    table_name = cls.__name__.removesuffix("Table").lower() if cls.NAME is None else cls.NAME
+
     def refuse(self: object, name: str, value: object) -> None:
         raise FrozenInstanceError(
             f"cannot assign to {name}: a scene is frozen; its copy with another value is "
-            f'scene.replace({{"TABLE.{name}": {value!r}}})'
+            f'scene.replace({{"{".".join(filter(None, (table_name, name)))}": {value!r}}})'
         )
 
     made: Any = dataclass(frozen=True)(cls)

@@ -95,6 +95,8 @@ class Excitation(Table, ABC):
     `[excitation]`, in the scene's units. Accelerations are divided by the length unit to give η.
     """
 
+    NAME = "excitation"
+
     kind: str
 
     @property

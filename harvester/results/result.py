@@ -151,6 +151,12 @@ class Result(ResultBase):
 
     __getitem__ = quantity
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            hint = f': result["{name}"]' if name in vars(self).get("scaled_quantities", ()) else ""
+            raise AttributeError(f"a Result has no attribute {name}{hint}")
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.scaled_quantities)
 

@@ -9,7 +9,7 @@ import html
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import field, replace
+from dataclasses import FrozenInstanceError, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,8 @@ class Scene(Table):
     0.1
     """
 
+    NAME = ""
+
     name: str
     units: str
     oscillator: Oscillator
@@ -63,6 +65,12 @@ class Scene(Table):
     # Folder of the scene's file. With a netlist as load: all folders in which it is searched, in
     # order.
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
+
+    def __setitem__(self, key: str, value: object) -> None:
+        raise FrozenInstanceError(
+            f"cannot assign to {key}: a scene is frozen; its copy with another value is "
+            f"scene.replace({{{key!r}: {value!r}}})"
+        )
 
     @classmethod
     def read(cls, source: str | Path, overrides: Iterable[str] = ()) -> Scene:

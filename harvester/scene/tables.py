@@ -144,6 +144,8 @@ class Oscillator(Table):
 class Stopper(Table):
     """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5)."""
 
+    NAME = "stoppers"
+
     gap: float = positive("gap to the stoppers: from x = 0", "m", "δr", required=True)
     stiffness: float = not_negative(
         "stiffness of the stoppers: K3, in N/m^exponent", "N/m^1.5", "K", required=True

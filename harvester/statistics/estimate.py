@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,8 @@ STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
+# What users of other libraries look for.
+OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
@@ -51,6 +53,12 @@ class Estimate:
     dimension: str
     note: str = ""
     unit: str = field(default="", compare=False, metadata=LEFT_OUT)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            hint = "; they are .estimate and .standard_error" if name in OTHER_NAMES else ""
+            raise AttributeError(f"an Estimate has no attribute {name}{hint}")
 
     def __float__(self) -> float:
         return float(self.estimate)

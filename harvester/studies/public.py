@@ -38,7 +38,7 @@ from harvester.base.signatures import (
 )
 from harvester.engines.methods import Engine, engine_of, method_of
 from harvester.engines.simulate import TIME_LIMIT, require_paths, simulate
-from harvester.scene.calling import scene_of, takes_scene
+from harvester.scene.calling import checked, scene_of, takes_scene
 from harvester.studies import JUDGED, ROWS
 
 if TYPE_CHECKING:
@@ -240,6 +240,7 @@ def frequency_response(
     )
 
 
+@checked
 def spectrum(
     source: File,
     /,

@@ -462,11 +462,7 @@ def paths_at_knots(
 
 
 def realizations_task(
-    scene: Scene,
-    method: ComparedMethod,
-    indices: Sequence[int],
-    runner: Runner,
-    function: Callable,
+    scene: Scene, method: ComparedMethod, indices: Sequence[int], runner: Runner, function: Callable
 ) -> Task:
     """The task of some realizations that run together; `function` takes what `timed` takes."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}

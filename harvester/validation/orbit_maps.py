@@ -49,9 +49,8 @@ class _PaperMap(ResultBase):
     computed: ClassVar[str]
 
     highest = HIGHEST
-    IN_JSON: ClassVar = {
-        "figure": "name", "computed": "computed", "highest_energy_above_barrier": "highest",
-    }  # fmt: skip
+    IN_JSON: ClassVar = {"figure": "name", "highest_energy_above_barrier": "highest"}
+    IN_JSON |= {"computed": "computed"}
 
 
 @dataclass(frozen=True, repr=False)

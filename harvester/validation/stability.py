@@ -95,13 +95,11 @@ class StabilityMatrix(ResultBase):
         residuals = [
             answer.residual for answer in answers if answer and answer.residual is not None
         ]
+        listed = " | ".join(f"{residual:+.2%}" for residual in residuals)
         return [
             row.case.title,
             *(row.cells[method].text() for method in self.methods),
-            Printed(
-                " | ".join(f"{residual:+.2%}" for residual in residuals) or NOT_KNOWN,
-                max(residuals, key=abs, default=math.nan),
-            ),
+            Printed(listed or NOT_KNOWN, max(residuals, key=abs, default=math.nan)),
             written(sum(answer.seconds for answer in answers if answer), ".1f", "s"),
         ]
 

@@ -47,13 +47,8 @@ class Throughput:
 
 def task(scene: Scene, version: str) -> Task:
     """The task of every way to run a scene's circuit; `version` is that of the circuit."""
-    arguments = {
-        "scene": scene,
-        "compiled": "compiled" in version,
-        "knots": KNOTS,
-        "repeats": REPEATS,
-    }
-    return Task(measured_alone, arguments, version, "throughput")
+    settings = {"compiled": "compiled" in version, "knots": KNOTS, "repeats": REPEATS}
+    return Task(measured_alone, {"scene": scene, **settings}, version, "throughput")
 
 
 def measured_alone(

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from harvester.base.errors import HarvesterError, ProgramNotFound
 from harvester.base.formatting import Printed, written
@@ -82,13 +82,8 @@ class TruthRow:
             return [*named, "", "", ""]
         error = f" ± {self.standard_error:.1g}" if self.standard_error else ""
         ours = Printed(f"{self.value:.5g}{error}", self.value, self.standard_error, unit)
-        allowed = self._of_exact(self.limit)
-        return [
-            *named,
-            ours,
-            self._of_exact(self.value - exact, "+"),
-            Printed(f"± {allowed}", allowed.value),
-        ]
+        off, allowed = self._of_exact(self.value - exact, "+"), self._of_exact(self.limit)
+        return [*named, ours, off, Printed(f"± {allowed}", allowed.value)]
 
     def _of_exact(self, difference, sign=""):
         if not self.truth.exact:
@@ -130,6 +125,9 @@ class Verification(ResultBase):
     rows: list[TruthRow]
     wall_seconds: float
     date: str
+
+    agreeing_sigmas, version = SIGNIFICANT_SIGMAS, __version__
+    IN_JSON: ClassVar = {"agreeing_sigmas": "agreeing_sigmas", "version": "version"}
 
     @property
     def scene(self) -> None:
@@ -211,15 +209,6 @@ class Verification(ResultBase):
         """The pages of the results and, where there are any, of the measured devices."""
         devices = {"-measured.md": measured_page(self.measured, self.date)} if self.measured else {}
         return {".md": self.markdown(), **devices}
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "agreeing_sigmas": SIGNIFICANT_SIGMAS,
-            "wall_seconds": self.wall_seconds,
-            "version": __version__,
-            "date": self.date,
-            "rows": plain(self.rows),
-        }
 
 
 def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verification:

@@ -38,7 +38,7 @@ def estimate(value, error):
         (1e-14, 6e-7, "W", "0 ± 600 nW"),
         (7e-16, 3e-3, "", "0.0000 ± 0.0030"),
         (4.0, None, "1/s", "4 1/s (no error bar)"),
-        (math.nan, None, "W", "— W"),
+        (math.nan, None, "W", "—"),
     ],
 )
 def test_a_value_with_its_error_has_a_prefix_and_two_digits_of_the_error(value, error, unit, text):

@@ -63,6 +63,7 @@ def test_output_writes_json_and_figure(tmp_path, capsys):
         "linear-circuit.nc",
         "linear-circuit.png",
         "linear-circuit-densities.csv",
+        "linear-circuit-waveform.png",
     }
     table = np.genfromtxt(
         folder / "linear-circuit-densities.csv", delimiter=",", names=True, dtype=None

@@ -53,10 +53,10 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "optimum": "--closure --evaluations --from --json --maximise --method --output --over "
     f"--precision --report --to {RUN} {SCENE}",
-    "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
-    f"--report {RUN} {SCENE}",
-    "load-study": "--load --method --output --precision --report --step --sweep --time-limit "
-    f"{RUN} {SCENE}",
+    "sensitivity": "--above --covariance --json --method --output --precision --quantity --rows "
+    f"--vary --report {RUN} {SCENE}",
+    "load-study": "--json --load --method --output --precision --report --step --sweep "
+    f"--time-limit {RUN} {SCENE}",
     "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
     f"--report {SCENE}",
     "reproduce": f"--output --precision --quick --seed --thorough {RUN} FIGURE",

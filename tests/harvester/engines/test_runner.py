@@ -207,3 +207,16 @@ def test_arrays_are_the_same_in_memory_and_on_disk(tmp_path, pool):
             found += runner.run([task])
     np.testing.assert_array_equal(found[0]["drawn"], found[1]["drawn"])
     np.testing.assert_array_equal(found[0]["drawn"], found[2]["drawn"])
+
+
+def test_reports_go_back_to_where_they_went_before_a_block():
+    def plan():
+        return "nothing to compute"
+        yield
+
+    reports = {"before": [], "within": []}
+    runner = Runner(None, progress=lambda share, words: reports["before"].append(share))
+    with runner.reporting_to(lambda share, words: reports["within"].append(share)):
+        runner.follow([plan()])
+    runner.follow([plan()])
+    assert reports == {"before": [1.0], "within": [1.0]}

@@ -38,6 +38,13 @@ def test_a_wrong_name_says_which_is_near(result):
     assert not str(raised.value).startswith("'")
 
 
+def test_attributes_that_there_are_not_lead_to_those_that_are(result):
+    with pytest.raises(AttributeError, match=r'result\["mean_power"\]'):
+        assert result.mean_power
+    with pytest.raises(AttributeError, match=r"\.standard_error"):
+        assert result["mean_power"].error
+
+
 def test_plain_values_lead_back_to_the_result(result):
     content = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     again = Result.from_dict(content)

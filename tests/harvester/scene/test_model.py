@@ -97,9 +97,19 @@ def test_motions_without_bound_or_stationary_state_are_refused():
 
 def test_the_refusal_of_an_assignment_names_replace():
     scene = Scene.read("paper", ["stoppers.side=left"])
-    for table in (scene.oscillator, scene.excitation, scene.stoppers[0], scene.run, scene):
-        with pytest.raises(FrozenInstanceError, match=r'scene\.replace\(\{"TABLE\.mass": 3'):
+    tables = {
+        "oscillator.": scene.oscillator,
+        "excitation.": scene.excitation,
+        "stoppers.": scene.stoppers[0],
+        "run.": scene.run,
+        "piezo.": scene.transducer,
+        "": scene,
+    }
+    for name, table in tables.items():
+        with pytest.raises(FrozenInstanceError, match=rf'scene\.replace\(\{{"{name}mass": 3'):
             table.mass = 3
+    with pytest.raises(FrozenInstanceError, match=r"scene\.replace\(\{'run\.seed': 3"):
+        scene["run.seed"] = 3
 
 
 def test_unknown_scene_and_broken_file_are_refused(tmp_path):
