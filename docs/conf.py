@@ -107,10 +107,11 @@ def _commands():
     app = app_of(COMMANDS)
     text = app.generate_docs(output_format="markdown", recursive=True, heading_level=1)
     _, _, text = text.partition("\n## harvester ")
-    for name, command in COMMANDS.items():
+    for name in COMMANDS:
         usage = f"```console\nharvester {name} "
         assert usage in text, name
-        text = text.replace(usage, f"{usage}{command.example}\n```\n\n{usage}", 1)
+        example = app[name].help_epilogue.removeprefix("example: ")
+        text = text.replace(usage, f"```console\n{example}\n```\n\n{usage}", 1)
     return f"## harvester {text}"
 
 
