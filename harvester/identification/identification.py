@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from harvester.identification.kept_aside import Visited
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
-    from harvester.identification.verdict import Evidence, FitVerdict
+    from harvester.identification.verdict import FitEvidence, FitVerdict
     from harvester.scene.model import Scene
 
 
@@ -69,7 +69,7 @@ class Identification(ResultBase):
         Values, covariance, and what the model predicts of the data kept aside.
     kept : list of (str, Undetermined)
         Keys that stay as in the scene, and what the records leave open.
-    evidence : Evidence
+    evidence : FitEvidence
         Validation records, rival models and what else the verdict is given on.
     seconds : float
         Wall-clock.
@@ -84,7 +84,7 @@ class Identification(ResultBase):
     measurements: list[Measurement]
     fitted: Fitted
     kept: list[tuple[str, Undetermined]]
-    evidence: Evidence
+    evidence: FitEvidence
     verdict: FitVerdict
     seconds: float
     posterior: Posterior | None = None

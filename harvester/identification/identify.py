@@ -117,7 +117,7 @@ def identify(
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.validation_record import validated
-    from harvester.identification.verdict import Evidence
+    from harvester.identification.verdict import FitEvidence
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
@@ -146,7 +146,7 @@ def identify(
                     "others: leave --free out, or give a record too (--record)"
                 )
             base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
-            evidence = Evidence(base.records, [rivals.Rival("as given", base)])
+            evidence = FitEvidence(base.records, [rivals.Rival("as given", base)])
             measured = [analysed.measured]
             return _concluded(
                 scene, measured, base, [], evidence, clock, posterior, analysed, stages
@@ -196,7 +196,7 @@ def identify(
         models = rivals.rival_models(models[0], measurements, sizes, scene, keys, report)
     stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
-    evidence = Evidence(
+    evidence = FitEvidence(
         records=left,
         rivals=models,
         spring=rivals.next_power(base, sizes) if explained else None,

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FitEvidence:
     """What a verdict is given on.
 
     Attributes
@@ -106,7 +106,7 @@ class FitVerdict:
         return self.word == "predicts"
 
 
-def verdict(evidence: Evidence) -> FitVerdict:
+def verdict(evidence: FitEvidence) -> FitVerdict:
     """The first of `RULES` whose condition holds."""
     rule, reason = next(
         (rule, reason) for rule in RULES if (reason := rule.condition(evidence)) is not None
@@ -118,7 +118,7 @@ def verdict(evidence: Evidence) -> FitVerdict:
 class Rule(NamedTuple):
     """One line of the table above; the condition gives its reason in words, or None."""
 
-    condition: Callable[[Evidence], str | None]
+    condition: Callable[[FitEvidence], str | None]
     word: str
     advice: str
 
@@ -243,7 +243,7 @@ TOLD = 0.1
 CERTAIN = 4.0
 
 
-def dependent(evidence: Evidence) -> dict[str, list[str]]:
+def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
     """Gains and other known values that each fitted value is only as right as, by its key."""
     mixed: dict[str, list[str]] = {}
     for known in evidence.assumptions:
@@ -260,7 +260,7 @@ def _shown(evidence, known):
     return f"{known.key} of {', '.join(known.records)}"
 
 
-def findings(evidence: Evidence) -> list[str]:
+def findings(evidence: FitEvidence) -> list[str]:
     """What supports the verdict: one sentence for each record, assumption and rival."""
     lines = []
     if evidence.visited:

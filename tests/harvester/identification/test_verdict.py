@@ -14,7 +14,7 @@ from harvester.identification.validation_record import (
     ValidationRecord,
     WholeRecord,
 )
-from harvester.identification.verdict import Evidence, dependent, verdict
+from harvester.identification.verdict import FitEvidence, dependent, verdict
 from harvester.statistics.estimate import Estimate
 
 RATE, SAMPLES = 100.0, 4000
@@ -55,7 +55,7 @@ BAD = in_time(MOTION + 0.01 * NOISE, -0.5 * MOTION, is_noise=False)
 
 @pytest.mark.parametrize("predicted", [0.0 * NOISE, 0.05 * NOISE[::-1], 1e-3 * MOTION])
 def test_white_noise_is_nothing_to_judge_by(predicted):
-    given = verdict(Evidence([in_time(NOISE, predicted)]))
+    given = verdict(FitEvidence([in_time(NOISE, predicted)]))
     assert given.word == "nothing"
     assert not given.good
     assert given.sentence.startswith("nothing to judge: the model explains no more than chance")
@@ -63,18 +63,18 @@ def test_white_noise_is_nothing_to_judge_by(predicted):
 
 def test_a_response_of_noise_is_nothing_to_judge_by():
     measured = NOISE[:400].reshape(200, 2)
-    assert verdict(Evidence([response(measured, 0.0 * measured)])).word == "nothing"
+    assert verdict(FitEvidence([response(measured, 0.0 * measured)])).word == "nothing"
 
 
 def test_a_motion_within_noise_is_still_predicted():
     """A share of 2 % of the variance, which is far beyond chance."""
     record = in_time(NOISE + 0.2 * MOTION, 0.2 * MOTION)
-    assert verdict(Evidence([record])).word == "predicts"
+    assert verdict(FitEvidence([record])).word == "predicts"
 
 
 def test_a_model_that_misses_a_clear_motion_is_wrong():
-    assert verdict(Evidence([BAD])).word == "incomplete"
-    assert verdict(Evidence([GOOD, BAD])).word == "incomplete"
+    assert verdict(FitEvidence([BAD])).word == "incomplete"
+    assert verdict(FitEvidence([GOOD, BAD])).word == "incomplete"
 
 
 def test_white_residuals_of_one_record_excuse_no_other():
@@ -83,24 +83,24 @@ def test_white_residuals_of_one_record_excuse_no_other():
     lines = np.column_stack([np.linspace(6.0, 4.0, 90), np.linspace(-1.5, -1.0, 90)])
     missed = 0.5 * np.exp(-(((np.arange(90) - 45) / 4.0) ** 2))[:, None]
     impedance = response(lines, lines + missed, ImpedanceRecord)
-    assert verdict(Evidence([GOOD, impedance])).word == "incomplete"
+    assert verdict(FitEvidence([GOOD, impedance])).word == "incomplete"
     exact = response(lines, lines + 1e-3 * NOISE[:180].reshape(90, 2), ImpedanceRecord)
-    assert verdict(Evidence([GOOD, exact])).word == "predicts"
+    assert verdict(FitEvidence([GOOD, exact])).word == "predicts"
 
 
 def test_a_rival_is_proposed_only_if_it_leaves_noise():
     own = rival("as given", 0.0, explains=False, nrmse=0.04)
     near = rival("delay", -1.0, explains=False)
-    given = verdict(Evidence([BAD], [own, near]))
+    given = verdict(FitEvidence([BAD], [own, near]))
     assert given.word == "incomplete"
     assert "proposed" not in given.sentence
-    given = verdict(Evidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
+    given = verdict(FitEvidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
     assert given.word == "wrong"
     assert given.sentence.endswith("drag leaves 1.00% and is proposed")
     # A rival with as many values that is hardly better is not proposed in place of the scene's own.
     assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
     untried = Rival("drag", None, remark="not tried: its values did not move")
-    assert verdict(Evidence([BAD], [own, untried])).word == "incomplete"
+    assert verdict(FitEvidence([BAD], [own, untried])).word == "incomplete"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
 )  # fmt: skip
 def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half, word, words):
     spring = NextPower(5, significance, {KEY: move}, {KEY: half})
-    given = verdict(Evidence([GOOD], spring=spring))
+    given = verdict(FitEvidence([GOOD], spring=spring))
     assert given.word == word
     assert words in given.sentence
 
@@ -133,7 +133,7 @@ def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half
 )
 def test_a_value_is_only_as_right_as_a_gain_that_no_record_tells(change, error, word, depends):
     gain = Assumption("sensor.voltage_scale", ("made.csv",), change, error, {KEY: 2.0})
-    evidence = Evidence([GOOD], errors={KEY: 0.01}, assumptions=[gain])
+    evidence = FitEvidence([GOOD], errors={KEY: 0.01}, assumptions=[gain])
     assert verdict(evidence).word == word
     assert dependent(evidence) == ({KEY: ["sensor.voltage_scale"]} if depends else {})
 
@@ -149,10 +149,10 @@ def test_records_kept_aside_refute_what_they_were_claimed_for():
         )  # fmt: skip
 
     right = 0.5**0.5
-    assert verdict(Evidence([GOOD], whole=[whole(right)])).word == "predicts"
-    assert verdict(Evidence([GOOD], whole=[whole(0.9)])).word == "incomplete"
-    assert verdict(Evidence([GOOD], whole=[whole(0.9, "its load was not visited")])).good
-    assert not verdict(Evidence([GOOD], whole=[whole(right, limit=-1.0)])).good
+    assert verdict(FitEvidence([GOOD], whole=[whole(right)])).word == "predicts"
+    assert verdict(FitEvidence([GOOD], whole=[whole(0.9)])).word == "incomplete"
+    assert verdict(FitEvidence([GOOD], whole=[whole(0.9, "its load was not visited")])).good
+    assert not verdict(FitEvidence([GOOD], whole=[whole(right, limit=-1.0)])).good
 
 
 def test_the_first_line_has_at_most_25_words():
@@ -166,12 +166,12 @@ def test_the_first_line_has_at_most_25_words():
         rival("delay between the channels", -2.0, True),
     ]
     cases = [
-        Evidence([in_time(NOISE, 0.0 * NOISE)]),
-        Evidence([GOOD, BAD], models),
-        Evidence([GOOD, BAD], [own, Rival("drag", None)]),
-        Evidence([GOOD, GOOD], spring=spring),
-        Evidence([GOOD, GOOD], spring=needed),
-        Evidence([GOOD, GOOD], errors={KEY: 0.01}, assumptions=[gain]),
+        FitEvidence([in_time(NOISE, 0.0 * NOISE)]),
+        FitEvidence([GOOD, BAD], models),
+        FitEvidence([GOOD, BAD], [own, Rival("drag", None)]),
+        FitEvidence([GOOD, GOOD], spring=spring),
+        FitEvidence([GOOD, GOOD], spring=needed),
+        FitEvidence([GOOD, GOOD], errors={KEY: 0.01}, assumptions=[gain]),
     ]
     for evidence in cases:
         assert len(verdict(evidence).sentence.split()) <= 25, verdict(evidence).sentence
