@@ -125,7 +125,7 @@ DEVICES = {
 
 
 # Of which `make test` follows the path; the others' are followed by `make test-all`.
-FOLLOWED = ("uneven stoppers", "leak", "coil with inductance")
+FOLLOWED = ("uneven stoppers", "coil with inductance")
 
 
 # Seeds whose paths keep off the tops of barriers, where any difference doubles in every period.

@@ -48,7 +48,7 @@ class ToyRunner:
         return Answer(
             scene=request.scene,
             method=request.method,
-            quantities={"mean_power": estimate, "output_ripple": estimate},
+            quantities={"mean_power": estimate, "jump_rate": estimate},
             seconds=0.0,
             realizations=request.scene.run.realizations,
         )

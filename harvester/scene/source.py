@@ -58,15 +58,15 @@ def _find(source):
     path, where = Path(source), named(str(source))
     if os.path.exists(path):
         return path
-    hint = nearest(str(source), [*built_in_names(), *_beside(path)])
+    hint = nearest(path.name, [*built_in_names(), *_beside(path)])
     noun = "scene file" if path.suffix == ".toml" else "scene"
     raise SceneError(f"{where}: no such {noun}{hint}; built in are {_listed()}")
 
 
 def _beside(path):
-    """The scene files in a path's folder, written as the path is."""
+    """Names of the scene files in a path's folder."""
     try:
-        return sorted(str(file) for file in path.parent.glob("*.toml"))
+        return sorted(file.name for file in path.parent.glob("*.toml"))
     except (OSError, ValueError):
         return []
 

@@ -55,7 +55,7 @@ def test_a_gain_is_not_separable_at_one_load_and_names_what_it_mixes():
     assert "do not show its error" in str(table[GAINS[0]])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_loads_show_an_error_of_a_gain_and_its_size():
     right, wrong = fitted([LOAD, 0.2 * LOAD]), fitted([LOAD, 0.2 * LOAD], GAIN)
     for found, off in ((right, 0.0), (wrong, GAIN - 1.0)):
