@@ -95,7 +95,9 @@ def test_a_bridge_by_both_engines():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("monte-carlo", marks=pytest.mark.exhaustive), "circuit"]
+)
 def test_a_load_that_decays_within_a_step_under_noise(method):
     """The slope of the noise jumps at each sample: the circuit's power was 11 times too high.
 

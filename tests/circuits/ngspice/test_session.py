@@ -148,7 +148,7 @@ def test_two_hundred_runs_in_one_process_do_not_grow_it(worker):
     assert after_all - after_fifty < 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_long_run_does_not_grow_its_process(worker):
     scene = short("paper", "run.duration=12000")
     assert worker.call(worker_calls.run_long, {"scene": scene}) < 1.0

@@ -130,6 +130,10 @@ def compiled_forces(s, x, v, held, low, high):
     )
 
 
+# These compile longest.
+MOST_CODE = [("tiny", "sixteen"), ("table", "pair")]
+
+
 def zone(s, x):
     edges = contacts.edges(s.contacts)
     return next((a, b) for a, b in itertools.pairwise(edges) if a <= x <= b)
@@ -144,7 +148,11 @@ def states(count):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("force", "stoppers"), list(zip(FORCES, itertools.cycle(STOPPERS), strict=False))
+    ("force", "stoppers"),
+    [
+        pytest.param(*pair, marks=pytest.mark.exhaustive if pair in MOST_CODE else ())
+        for pair in zip(FORCES, itertools.cycle(STOPPERS), strict=False)
+    ],
 )
 def test_all_forms_of_a_device_agree_at_random_states(force, stoppers):
     scene = scene_of(FORCES[force], STOPPERS[stoppers], quadratic_damping=0.7)

@@ -140,7 +140,7 @@ def test_motion_between_wells_gives_the_double_well_within_three_percent():
 @pytest.mark.parametrize(
     "way",
     [
-        pytest.param("coil", marks=pytest.mark.slow),
+        pytest.param("coil", marks=pytest.mark.exhaustive),
         pytest.param("stoppers", marks=pytest.mark.exhaustive),
     ],
 )
@@ -158,7 +158,7 @@ def test_other_devices_are_found(way):
     assert found.fitted.nrmse < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_records_at_two_loads_tell_mass_and_leave_the_scene_alone():
     truth = asymmetric()
     near = record(truth, 21, samples=3000)
@@ -172,7 +172,7 @@ def test_records_at_two_loads_tell_mass_and_leave_the_scene_alone():
     assert found.scene.load.resistance == truth.load.resistance
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_displacement_with_free_sensor_gives_offset_delay_and_scale():
     truth = device([0.0, STIFFNESS, 0.0, 0.6 * STIFFNESS / 2e-3**2])
     made = record(truth, 31, outputs=("displacement",))

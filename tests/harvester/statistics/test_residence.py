@@ -147,6 +147,7 @@ def test_intervals_of_two_wells_hold_in_nineteen_of_twenty_draws(leaving):
         assert abs(np.mean(each)) < 0.35
 
 
+@pytest.mark.exhaustive
 def test_a_share_left_by_the_starts_is_not_claimed():
     # The stationary solver has 0.0103 in the first well; a mean over the run has ten times that.
     found = estimates_at(0.05)

@@ -51,7 +51,7 @@ def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, 
     assert "no error bar" in result.to_dict()["quantities"]["mean_power"]["note"]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     """Within four standard errors of averaging, whose own error is 1 % here."""
     scene = Scene.read("paper", SLOW_LOAD).replace(LONG)

@@ -149,6 +149,7 @@ def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
     assert steps[1] > 2 * steps[0]
 
 
+@pytest.mark.exhaustive
 def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     """Its error lies far below that of either efficiency, whose noise is common."""
     scene = Scene.read("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
