@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 from harvester.base.arguments import check_name, listed, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
+from harvester.base.numbers import is_real
+from harvester.base.plain_text import shown
 from harvester.base.signatures import (
     Count,
     Distributions,
@@ -731,4 +733,7 @@ def _ends(key, ends):
     pair = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
     if len(pair) != 2:
         raise HarvesterError(f"over[{key!r}]: has {len(pair)} numbers; write (0.1, 2.0)")
+    for end in pair:
+        if end is not None and not is_real(end):
+            raise HarvesterError(f"over[{key!r}]: {shown(end)}: must be a number, such as 1e5")
     return pair

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Unpack
 
+from harvester.base.errors import HarvesterError
 from harvester.base.signatures import RunnerOptions, Step
 from harvester.engines.simulate import check_step, require_noise
 from harvester.scene.calling import checked, takes_scene
@@ -143,7 +144,12 @@ def accuracy(
     from harvester.engines.opening import open_runner
     from harvester.validation.accuracy import Accuracy
     from harvester.validation.accuracy_measurement import measure
+    from harvester.validation.accuracy_methods import METHODS, ComparedMethod
 
     require_noise(scene, "accuracy")
+    if not all(isinstance(method, ComparedMethod) for method in methods or METHODS):
+        raise HarvesterError(
+            "methods: each is a ComparedMethod out of harvester.validation.accuracy_methods.METHODS"
+        )
     with open_runner(**running) as runner:
         return Accuracy(**measure(scene, runner, thorough, methods))

@@ -11,7 +11,7 @@ from matplotlib import style
 from truths import reference_path as independent_path
 
 from harvester.averaging.closures import NOISE_CLOSURES
-from harvester.base.errors import LoadError, OutOfTime
+from harvester.base.errors import HarvesterError, LoadError, OutOfTime
 from harvester.cli.command_line import main
 from harvester.engines.opening import open_runner
 from harvester.engines.simulate import simulate
@@ -380,3 +380,8 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
     on = {each["device"] for each in content["methods"]} - {"behavioural"}
     assert len(content["methods"]) == len(METHODS) + len(COMPILED_METHODS if on else ())
     assert (tmp_path / "linear-accuracy.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_method_by_its_name_is_refused_before_anything_runs():
+    with pytest.raises(HarvesterError, match="methods: each is a ComparedMethod"):
+        accuracy(Scene.read("paper"), methods=["circuit"])
