@@ -27,7 +27,7 @@ PAGES = [
     *sorted(DOCS.glob("how-to/*.md")),
 ]
 # Pages of a few seconds, which `make test` runs too.
-QUICK = ("cite", "editor", "rectifier")
+QUICK = ("cite", "editor", "python")
 # A kill after this (s) ends a command that hangs.
 HANGS = 1800.0
 EXAMPLES = tomllib.loads((DOCS / "examples.toml").read_text(encoding="utf-8"))

@@ -4,7 +4,6 @@ import ast
 import importlib
 import inspect
 import pkgutil
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -45,15 +44,6 @@ def test_every_named_error_is_public():
         if inspect.isclass(value) and issubclass(value, harvester.HarvesterError)
     }
     assert kinds == {name for name, where in harvester._WHERE.items() if where == errors.__name__}
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("shared_workers")
-def test_the_documented_calls_work():
-    pytest.importorskip("xarray")
-    text = (ROOT / "docs" / "how-to" / "python.md").read_text("utf-8")
-    for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-        exec(block, {})
 
 
 @pytest.mark.parametrize("package", ["harvester", "circuits"])
