@@ -8,14 +8,13 @@ import re
 from pathlib import Path
 
 from harvester.base.errors import HarvesterError, OutputError
-from harvester.base.plain_text import named
+from harvester.base.plain_text import named, shown
 from harvester.base.tables import write_csv, write_netcdf
 from harvester.base.writing import in_folder, write_json, write_text
 from harvester.results import figures
 from harvester.results.view import ResultBase
 
-PICTURES = (".png", ".svg", ".pdf")
-ENDINGS = (".csv", ".nc", *PICTURES)
+ENDINGS = (".csv", ".nc", ".png", ".svg", ".pdf")
 
 
 def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[str]:
@@ -40,8 +39,13 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
 
     Raises
     ------
-    OutputError
+    HarvesterError
+        It is no result; `OutputError` where a file cannot be written.
     """
+    if not isinstance(result, ResultBase):
+        raise HarvesterError(
+            f"save: {shown(result)}: is no result; give what simulate or a study returned"
+        )
     if Path(target).suffix in ENDINGS:
         _write_one(result, Path(target))
         return [Path(target).name]

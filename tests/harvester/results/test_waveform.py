@@ -87,6 +87,8 @@ def test_files_and_tables(tmp_path):
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
         check_ending("w.xls")
+    with pytest.raises(HarvesterError, match="is no result; give what simulate"):
+        save(scene, tmp_path / "scene")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]
 
