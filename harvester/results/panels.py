@@ -159,7 +159,7 @@ def _columns(labels, width):
 
 
 def set_title(figure: Figure, title: str) -> None:
-    """The title of a figure in the house's way: small, at the left, wrapped at the right end."""
+    """The title of a figure: small, at the left, wrapped at the right edge."""
     figure.suptitle(title, x=0.01, ha="left", fontsize=9, wrap=True)
 
 
