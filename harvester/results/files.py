@@ -1,4 +1,4 @@
-"""The files of a result: JSON, tables, figures and the texts of its own."""
+"""The files of a result: JSON, tables, figures and other texts."""
 
 from __future__ import annotations
 
