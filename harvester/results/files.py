@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from harvester.base.errors import HarvesterError, OutputError
-from harvester.base.plain_text import named, shown
+from harvester.base.plain_text import shown
 from harvester.base.tables import write_csv, write_netcdf
 from harvester.base.writing import in_folder, write_json, write_text
 from harvester.results import figures
@@ -80,11 +80,3 @@ def _write_one(result, path):
         if figure is None:
             raise OutputError(f"{path}: the result has no figure")
         figures.write(figure, path)
-
-
-def check_ending(path: str | Path) -> None:
-    """Raise HarvesterError for a file that a result is not written into."""
-    if Path(path).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
-        )
