@@ -188,13 +188,13 @@ def _number(value, digits):
     return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
 
 
-def written(value: float, how: str, unit: str = "", error: float | None = None) -> Printed:
+def written(value: float, how: str, unit: str = "") -> Printed:
     """A number by one of Python's format specifications; a dash where there is none.
 
     >>> written(0.01234, "+.1%"), written(float("nan"), ".3g")
     ('+1.2%', '—')
     """
-    return Printed(f"{value:{how}}" if math.isfinite(value) else NOT_KNOWN, value, error, unit)
+    return Printed(f"{value:{how}}" if math.isfinite(value) else NOT_KNOWN, value, None, unit)
 
 
 def count(size: float | None) -> Printed:

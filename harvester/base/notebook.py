@@ -12,7 +12,7 @@ from typing import Any
 
 # A call that is shorter (s) shows no bar, which would only flicker.
 SHOW_AFTER_SECONDS = 1.0
-# Each update is a message to the browser: at most one in so many seconds.
+# Shortest time (s) between two updates, each of which is a message to the browser.
 UPDATE_SECONDS = 0.1
 
 _HAS_BAR = ContextVar("has_bar", default=False)

@@ -31,7 +31,7 @@ def is_whole(value: object, least: int) -> bool:
 def number(text: str, unit: str | None = None) -> float:
     """The number of a text such as "306e3", "200k" or "4.7meg".
 
-    `unit`: of the number, where it is told. Raises NotANumber.
+    `unit`: unit that the number must have; None if there is no such unit. Raises NotANumber.
 
     Examples
     --------
@@ -61,11 +61,11 @@ def number(text: str, unit: str | None = None) -> float:
         }
         both = f"{readings['m/s²']}, {readings['kg']}"
         raise NotANumber(f"write {both if unit is None else readings.get(unit, both)}")
-    for unit in UNITS if power is None else ():
-        prefix = suffix.removesuffix(unit)
+    for symbol in UNITS if power is None else ():
+        prefix = suffix.removesuffix(symbol)
         if prefix != suffix and prefix in POWERS:
             raise NotANumber(
-                f"write {match[0].removesuffix(suffix).rstrip()}{prefix}, without the unit {unit}"
+                f"write {match[0].removesuffix(suffix).rstrip()}{prefix}, without the unit {symbol}"
             )
     if power is None:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")

@@ -220,15 +220,15 @@ def engine(*, json: File | None = None) -> None:
     if json:
         check_writable(json)
     with closing(Worker()) as worker:
-        found = worker.call(describe, {}, time_limit=60.0)
-    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+        description = worker.call(describe, {}, time_limit=60.0)
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if description[name]]
     if not is_quiet():
         print(
-            f"{found['version']} from {found['library']}",
+            f"{description['version']} from {description['library']}",
             f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
-            f"compiled device: {found['compiled_device_off'] or 'on'}",
+            f"compiled device: {description['compiled_device_off'] or 'on'}",
             sep="\n",
             file=sys.stderr if is_standard_output(json) else sys.stdout,
         )
     if json:
-        write_json(json, found)
+        write_json(json, description)

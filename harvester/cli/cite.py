@@ -42,7 +42,9 @@ def all_sources() -> list[dict[str, Any]]:
 
 
 def sources_of(content: Any, name: str = "the content") -> list[dict[str, Any]]:
-    """Sources of the methods behind the JSON of a result or a comparison, of some name.
+    """Sources of the methods that the JSON of a result or a comparison used.
+
+    `name`: of the file, for errors.
 
     Raises
     ------

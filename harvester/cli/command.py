@@ -35,7 +35,7 @@ class Command:
     title : str or callable
         Title of the table, or a function of the result that returns it; empty: the command's name.
     stem : str
-        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
+        Name of the files after the scene's name: a word, or an option in braces; empty: the
         command's name.
     failed : callable or None
         Function that tells from the result whether the exit code is 1.

@@ -77,9 +77,10 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
         # Shells complete the name of a file for a path.
         text_type: Any = Path if scenes and kind.metavar.startswith(("FILE", "DIR")) else _Words
         hint = list[text_type] if kind.join else text_type
+    is_spelling = kind.required.startswith("written")
     settings = Parameter(
         name=kind.metavar if option.passing is WORD else option.spelling,
-        help=text + _how_written(kind),
+        help=text + f" On the command line {kind.required}." * is_spelling,
         metavar=kind.metavar,
         converter=_reader(option),
         show_default=_shown_default(option, text),
@@ -98,12 +99,6 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     if scenes or default is REQUIRED:
         annotation = Annotated[hint, settings]
     return inspect.Parameter(option.name, passing, default=default, annotation=annotation)
-
-
-def _how_written(kind):
-    """Return a sentence on the spelling of a list, a range or the like."""
-    how = kind.required if kind.required.startswith("written") else ""
-    return how and f" On the command line {how}."
 
 
 def _shown_default(option, text):

@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import named
 from harvester.base.signatures import RunnerOptions
 from harvester.cli.shown import print_error, say
 
@@ -44,10 +47,12 @@ def check_places(
     `names`: of the results for the folder, whose files are there already from an earlier run.
     """
     from harvester.base.writing import check_folder, check_writable, in_folder
-    from harvester.results.files import check_ending
+    from harvester.results.files import ENDINGS
 
-    if waveform:
-        check_ending(waveform)
+    if waveform and Path(waveform).suffix not in ENDINGS:
+        raise HarvesterError(
+            f"--waveform {named(waveform)}: its ending says the kind: {', '.join(ENDINGS)}"
+        )
     for file in filter(None, (json, report, waveform)):
         check_writable(file)
     if output:

@@ -9,6 +9,7 @@ from collections.abc import Collection
 from cyclopts import App, Group
 
 from harvester.cli.command import Command
+from harvester.studies import TIME_BUDGET
 from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
@@ -24,19 +25,8 @@ exit codes:
 
 Colours appear on a terminal only, and never with NO_COLOR set.
 example: harvester validate paper --output results"""
-
-
 # Beginning of the first section of a docstring.
 SECTION = r"\n\n[A-Z][\w ]+\n---"
-
-
-def _budget(options):
-    """The time budget of a load study with a precision."""
-    from harvester.studies.public import TIME_BUDGET
-
-    return {"time_budget": TIME_BUDGET} if options.get("precision") else {}
-
-
 # All commands by the groups of `harvester --help`.
 GROUPS = {
     "getting started": (
@@ -53,15 +43,13 @@ GROUPS = {
         Command(
             "harvester:load_study",
             failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
-            running=_budget,
+            running=lambda options: (
+                {"time_budget": TIME_BUDGET} if options.get("precision") else {}
+            ),
         ),
         Command("harvester:optimum", title=lambda result: f"optimum over {', '.join(result.keys)}"),
         Command("harvester.cli.circuit:schematic"),
-        Command(
-            "harvester:identify",
-            title=lambda result: result.headline(),
-            stem="identified",
-        ),
+        Command("harvester:identify", title=lambda result: result.headline(), stem="identified"),
     ),
     "more commands": (
         Command("harvester.cli.new:schema"),

@@ -1,4 +1,4 @@
-"""The files of a result: JSON, tables, figures and the texts of its own."""
+"""The files of a result: JSON, tables, figures and other texts."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import re
 from pathlib import Path
 
 from harvester.base.errors import HarvesterError, OutputError
-from harvester.base.plain_text import named
+from harvester.base.plain_text import shown
 from harvester.base.tables import write_csv, write_netcdf
 from harvester.base.writing import in_folder, write_json, write_text
 from harvester.results import figures
 from harvester.results.view import ResultBase
 
-PICTURES = (".png", ".svg", ".pdf")
-ENDINGS = (".csv", ".nc", *PICTURES)
+ENDINGS = (".csv", ".nc", ".png", ".svg", ".pdf")
 
 
 def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[str]:
@@ -40,8 +39,13 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
 
     Raises
     ------
-    OutputError
+    HarvesterError
+        It is no result; `OutputError` where a file cannot be written.
     """
+    if not isinstance(result, ResultBase):
+        raise HarvesterError(
+            f"save: {shown(result)}: is no result; give what simulate or a study returned"
+        )
     if Path(target).suffix in ENDINGS:
         _write_one(result, Path(target))
         return [Path(target).name]
@@ -76,11 +80,3 @@ def _write_one(result, path):
         if figure is None:
             raise OutputError(f"{path}: the result has no figure")
         figures.write(figure, path)
-
-
-def check_ending(path: str | Path) -> None:
-    """Raise HarvesterError for a file that a result is not written into."""
-    if Path(path).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
-        )

@@ -159,8 +159,8 @@ def _columns(labels, width):
 
 
 def set_title(figure: Figure, title: str) -> None:
-    """The title of a figure in the house's way: small, at the left."""
-    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+    """The title of a figure: small, at the left, wrapped at the right edge."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9, wrap=True)
 
 
 def thin_ticks(axes: Axes) -> None:

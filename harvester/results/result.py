@@ -438,12 +438,9 @@ def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
     extended: dict[str, Estimate] = {}
     for name, estimate in quantities.items():
         extended[name] = estimate
+        has_root = name.startswith("mean_square") and estimate.estimate >= 0.0
         of_root = name.replace("mean_square", "rms")
-        if (
-            of_root not in quantities
-            and name.startswith("mean_square")
-            and estimate.estimate >= 0.0
-        ):
+        if has_root and of_root not in quantities:
             extended[of_root] = root(estimate)
     return extended
 
@@ -466,12 +463,8 @@ def _result_of(kind, content, folder):
     stored, computed = vars(values["scales"]), vars(scale(scene)[1])
     if not all(math.isclose(computed[k], stored[k], rel_tol=1e-9) for k in computed):
         raise NotAValue(f"scales: the scene's are {computed}")
-    fit = content.get("spectrum_fit")
-    result = kind(
-        **values,
-        scene=scene,
-        spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
-    )
+    fit = content.get("spectrum_fit") or None
+    result = kind(**values, scene=scene, spectrum_fit=fit and SpectrumFit.from_dict(fit))
     written = result.to_dict()
     for name in written.keys() - {"attractors", "scene", "spectrum_fit"}:
         if content.get(name) != written[name]:

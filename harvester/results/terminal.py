@@ -74,7 +74,7 @@ def _widths(header, rows, keys, width):
         and any(widths[k] > least[k] for k in range(keys))
     ):
         widths[max(range(keys), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
-    # A column that does not fit beside the keys is broken between its words too.
+    # A column that does not fit next to the keys is broken between its words too.
     left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
     for k in range(keys, len(header)):
         words = max((_longest_word(row[k]) for row in rows), default=1)
@@ -83,7 +83,7 @@ def _widths(header, rows, keys, width):
 
 
 def _folded(name, width):
-    """A heading, broken behind its dots if one of its words is wider than the column."""
+    """A heading, broken after its dots if one of its words is wider than the column."""
     return name.replace(".", ".\n") if _longest_word(name) > width else name
 
 

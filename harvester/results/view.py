@@ -125,7 +125,7 @@ class View:
 
     def values(self) -> Table:
         """The table, or the curve that it sums up, with the values of its printed numbers."""
-        return self.data() if self.is_series and self.records else _expanded(*self.table)
+        return self.data() if self.is_series else _expanded(*self.table)
 
 
 class ResultBase(ABC):
@@ -211,10 +211,9 @@ class ResultBase(ABC):
             xarray, of the extra `study`.
         """
         view = self.view()
-        return view.dataset() if view.dataset else self._rows_as_dataset()
-
-    def _rows_as_dataset(self):
-        header, rows = self.data()
+        if view.dataset:
+            return view.dataset()
+        header, rows = view.data()
         variables = {}
         for column, name in enumerate(header):
             words, unit = _name_and_unit(name)
@@ -253,7 +252,7 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]
         printed = [cell for cell in cells if isinstance(cell, Printed)]
-        units = {cell.unit for cell in printed if cell.unit and str(cell) != NOT_KNOWN}
+        units = {cell.unit for cell in printed if cell.unit and cell != NOT_KNOWN}
         words, unit = _name_and_unit(name)
         words = words.partition(" ± ")[0]
         unit = unit or (next(iter(units)) if len(units) == 1 else "")
@@ -264,8 +263,8 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
                 [_unit_of(row) for row in rows] if name == "unit" else _values(cells)
             )
         for k, end in enumerate(("low", "high") if has_ends else ()):
-            both = [getattr(cell, "ends", None) for cell in cells]
-            columns[f"{words}, {end}{suffix}"] = [ends and ends[k] for ends in both]
+            pairs = [getattr(cell, "ends", None) for cell in cells]
+            columns[f"{words}, {end}{suffix}"] = [pair and pair[k] for pair in pairs]
         if any(cell.error is not None for cell in printed):
             columns[f"{words} standard error{suffix}"] = [
                 getattr(cell, "error", None) for cell in cells

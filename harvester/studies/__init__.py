@@ -4,3 +4,5 @@
 JUDGED = "judged"
 # Default number of rows of a design of devices.
 ROWS = 64
+# Default time budget of a load study with a precision, in seconds.
+TIME_BUDGET = 540.0

@@ -117,7 +117,7 @@ def make_grid(
         for label in labels
         for point in itertools.product(*sweeps.values())
     ]
-    points, notes = _with_storage(points, sweeps)
+    points, notes = _with_storage(points)
     points = _on_common_knots(points)
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)
@@ -140,9 +140,10 @@ def _with_load(scene, load):
 
 def _check_sweep(scene, key, values, any_key, loaded):
     """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
-    parameters = (one.load.circuit.values for one in loaded.values() if one.load.netlist)
-    own = dict.fromkeys(f"load.parameters.{name}" for values in parameters for name in values)
-    number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *own))]
+    loads = (loaded_scene.load for loaded_scene in loaded.values())
+    parameters = [name for load in loads if load.netlist for name in load.circuit.values]
+    parameter_keys = (f"load.parameters.{name}" for name in parameters)
+    number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *parameter_keys))]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in all_keys()):
@@ -195,7 +196,7 @@ def _at(scene, values):
     return scene.replace(changes)
 
 
-def _with_storage(points, sweeps):
+def _with_storage(points):
     """Storage capacitors of the library's loads small enough to charge while a run settles.
 
     Where the user says nothing: at 10 MΩ the library's 10 µF would take minutes.

@@ -41,7 +41,7 @@ from harvester.base.signatures import (
 from harvester.engines.methods import Engine, engine_of, method_of
 from harvester.engines.simulate import TIME_LIMIT, require_paths, simulate
 from harvester.scene.calling import checked, scene_of, takes_scene
-from harvester.studies import JUDGED, ROWS
+from harvester.studies import JUDGED, ROWS, TIME_BUDGET
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,9 +56,6 @@ if TYPE_CHECKING:
     from harvester.studies.sensitivity.study import Sensitivity
     from harvester.studies.spectrum import SpectrumAnalysis
     from harvester.studies.sweep import Sweep
-
-# Default time budget of a load study with a precision, in seconds.
-TIME_BUDGET = 540.0
 
 
 @takes_scene

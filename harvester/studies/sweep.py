@@ -154,14 +154,9 @@ class Sweep(ResultBase):
                 with_error(estimate, units.get(name, ""))
                 for name, estimate in zip(self.quantities, estimates, strict=True)
             ]
+            realizations = written(cell.realizations, "d") if cell.realizations else ""
             row = [cell.method, *map(in_words, point), *texts]
-            rows.append(
-                [
-                    *row,
-                    written(cell.realizations, "d") if cell.realizations else "",
-                    outcome_and_notes(cell)[0],
-                ]
-            )
+            rows.append([*row, realizations, outcome_and_notes(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
     def _findings(self) -> list[str]:

@@ -139,11 +139,7 @@ class Accuracy(ResultBase):
             Printed(f"{number(order, 3)} ({row.method.order})", order),
             *(_percent(row.bias.get(name)) for name in MEANS),
             number(1e6 * row.seconds_per_unit, 3),
-            *(
-                reached(error, limit) if error else NOT_KNOWN
-                for error in errors
-                for limit in LIMITS
-            ),
+            *(reached(error, limit) for error in errors for limit in LIMITS),
         ]
 
     def _findings(self) -> list[str]:

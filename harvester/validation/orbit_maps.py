@@ -49,8 +49,11 @@ class _PaperMap(ResultBase):
     computed: ClassVar[str]
 
     highest = HIGHEST
-    IN_JSON: ClassVar = {"figure": "name", "highest_energy_above_barrier": "highest"}
-    IN_JSON |= {"computed": "computed"}
+    IN_JSON: ClassVar = {
+        "figure": "name",
+        "highest_energy_above_barrier": "highest",
+        "computed": "computed",
+    }
 
 
 @dataclass(frozen=True, repr=False)

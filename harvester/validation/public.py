@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 def verify(
     *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
 ) -> Verification:
-    """Exact and published results beside this project's.
+    """Compare with exact and published results.
 
-    Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
-    Carlo and the stationary solver; exit code 1 where one disagrees.
+    The circuit, Monte Carlo and the stationary solver are compared with closed forms, limits,
+    published powers and other integrators; exit code 1 if one disagrees.
 
     Parameters
     ----------

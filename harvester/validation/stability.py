@@ -36,7 +36,7 @@ from harvester.validation.verdicts import (
 )
 
 LEGEND = (
-    "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the\n"
+    "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the "
     "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
 )
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
@@ -106,7 +106,7 @@ class StabilityMatrix(ResultBase):
     def _findings(self) -> list[str]:
         """Sentences on the verdicts, one line each; a reason is stated once for all cells
         that share it."""
-        lines = [f"{self.counts} in {self.wall_seconds:.0f} s", LEGEND.replace("\n", " ")]
+        lines = [f"{self.counts} in {self.wall_seconds:.0f} s", LEGEND]
         lines += [f"WRONG {title}, {method}: {reason}" for title, method, reason in self.wrong]
         for word in (UNFINISHED, NOT_JUDGED, REFUSED):
             shared: dict[tuple[str, str], list[str]] = {}

@@ -280,7 +280,7 @@ class Comparison(ResultBase):
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}
         if biases:
-            name = max(biases, key=lambda each: abs(biases[each].estimate))
+            name = max(biases, key=lambda n: abs(biases[n].estimate))
             bias = share_with_error(biases[name])
             tail = f"; on the same noise the {words(name)} differs most, by {bias}{tail}"
         return Verdict(f"{agreed} of every quantity{tail}.", True)

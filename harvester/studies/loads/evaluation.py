@@ -172,8 +172,8 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    ready, moments, orbits, on_orbits = followed(prepared(scene), good, cost)
-    scene, run = ready.scene, run_estimates(ready, moments, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(prepared(scene), good, cost)
+    scene, run = prepared_scene.scene, run_estimates(prepared_scene, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
     series = power_series(run.moments, scales.power)

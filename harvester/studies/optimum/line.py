@@ -94,11 +94,11 @@ def along(
     maximum, fitted = search.find(None if location is None else axis.coordinate(location))
     stages.begin(0.9, 1.0, "comparison")
     at_maximum = device.replace({axis.key: maximum.estimate})
-    of_value: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
-    own = search.request(
-        axis.coordinate(maximum.estimate), **(of_value if device.excitation.random else {})
-    )
-    requests = [own, Request(at_maximum, closure)]
+    aim: dict[str, Any] = {}
+    if device.excitation.random:
+        aim = {"precision": precision, "quantities": (quantity,)}
+    simulation = search.request(axis.coordinate(maximum.estimate), **aim)
+    requests = [simulation, Request(at_maximum, closure)]
     simulated, by_closure = answers_in_time(runner, requests)
     if isinstance(simulated, HarvesterError):
         raise simulated

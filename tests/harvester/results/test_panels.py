@@ -1,9 +1,12 @@
 """Series of a panel: what is told apart, measured in the drawing itself."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from harvester.results import figures
 from harvester.results.panels import Panel, Series, draw_panels
 
 X, Y = (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)
@@ -33,6 +36,16 @@ def test_a_legend_is_no_wider_than_its_figure(names):
     extent = legend.get_window_extent()
     assert extent.x0 >= 0.0
     assert extent.x1 <= figure.bbox.width
+
+
+def test_a_title_is_no_wider_than_its_figure_and_above_its_panels():
+    words = f"{'some words ' * 20}\n{'others ' * 30}"
+    figure = figures.drawn(partial(draw_panels, title=words), [Panel("x", "y", [Series(X, Y)])])
+    figures.image(figure)
+    (axes,) = figure.axes
+    title = figure.texts[0].get_window_extent()
+    assert title.x1 <= figure.bbox.width
+    assert axes.get_tightbbox().y1 <= title.y0
 
 
 @pytest.mark.parametrize("log_x", [False, True])

@@ -7,9 +7,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
+from harvester.cli.output import check_places
 from harvester.engines.simulate import simulate
 from harvester.results import figures
-from harvester.results.files import check_ending, save
+from harvester.results.files import save
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.waveform import Waveform
 from harvester.scene.model import Scene
@@ -86,7 +87,9 @@ def test_files_and_tables(tmp_path):
         assert save(wave, tmp_path / f"w{ending}") == [f"w{ending}"]
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
-        check_ending("w.xls")
+        check_places(None, None, waveform="w.xls")
+    with pytest.raises(HarvesterError, match="is no result; give what simulate"):
+        save(scene, tmp_path / "scene")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]
 
