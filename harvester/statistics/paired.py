@@ -19,6 +19,8 @@ from harvester.statistics.well_balance import weighted, well_balance
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
 SAME_WELLS = 0.01
 EFFICIENCY = "power_conversion_efficiency"
+# Quantities that are ratios of sums over batches, which `deviations` takes.
+WITH_DEVIATIONS = (*MEANS, *RATIOS, EFFICIENCY)
 
 
 def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
@@ -93,17 +95,12 @@ def _times(error, ratio):
     return None if error is None else abs(ratio) * error
 
 
-def has_deviations(name: str) -> bool:
-    """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
-    return name in MEANS or name in (*RATIOS, EFFICIENCY)
-
-
 def deviations(moments: Sequence[Moments], name: str) -> Any:
     """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
     Combinations of several results on common noise get their error from the same combination of
     these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
-    estimate's scaled one; `name` is one for which `has_deviations` is true.
+    estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
