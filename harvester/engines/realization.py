@@ -477,7 +477,7 @@ def quantity_names(scene: Scene) -> tuple[str, ...]:
     moments.last[0] = stop_time(prepared_scene)
     with np.errstate(all="ignore"):
         estimates = run_estimates(prepared_scene, [moments]).whole
-    # Given where the device stores energy from the run's beginning to its end.
+    # These moments may store too little energy in the device for its storage power.
     return tuple(estimates | {"mean_device_storage_power": None})
 
 

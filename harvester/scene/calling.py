@@ -37,7 +37,7 @@ def scene_of(scene: SceneOrName) -> Scene:
 
 
 @contextlib.contextmanager
-def _followed(
+def _with_progress(
     name: str, accepted: Container[str], options: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
     """The options of a call, in a notebook with a progress bar; `progress=False` leaves it out."""
@@ -90,7 +90,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         with (
             usual_arithmetic(),
             named_as_called(function),
-            _followed(name, accepted, options) as values,
+            _with_progress(name, accepted, options) as values,
         ):
             check_options(function, values)
             check_processes(values)
