@@ -196,9 +196,9 @@ def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Fol
         return Followed(complete, moments, (), notes)
     motions = _motions(prepared_scene, moments, np.concatenate(samples), cost, len(moments))
     if orbit == "best":
-        motions.sort(key=lambda found: -_power(found[-1]))
+        motions.sort(key=lambda motion: -_power(motion[-1]))
     elif orbit == "rest":
-        motions.sort(key=lambda found: found[0][0])
+        motions.sort(key=lambda motion: motion[0][0])
     orbits = tuple(motion for *_, motion in motions)
     notes = (*note_on_repeats(prepared_scene), on_orbits(prepared_scene.scene, orbits))
     if orbit == "weighted":

@@ -78,7 +78,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         surplus = arguments[len(accepted) - len(by_keyword) :]
         if surplus:
             raise UnknownOption(
-                f"{name}: {shown(surplus[0])} stands without its name: options are given as "
+                f"{name}: {shown(surplus[0])} is given without its name: options are given as "
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options:

@@ -81,17 +81,12 @@ def _error(ratio, pairs, balances):
     """
     shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances
-    if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
-        return _times(standard_error(shares[0] - shares[1]), ratio)
-    parts = []
-    for share, balance in zip(shares, balances, strict=True):
-        if balance is not None and balance.error(share) is None:
+    same = ours and theirs and np.allclose(ours.features, theirs.features, 0.0, SAME_WELLS)
+    for k, balance in enumerate(() if same else balances):
+        if balance and balance.error(shares[k]) is None:
             return None
-        parts.append(share if balance is None else balance.parts(share))
-    return _times(standard_error(parts[0] - parts[1]), ratio)
-
-
-def _times(error, ratio):
+        shares[k] = balance.parts(shares[k]) if balance else shares[k]
+    error = standard_error(shares[0] - shares[1])
     return None if error is None else abs(ratio) * error
 
 
