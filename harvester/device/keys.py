@@ -202,13 +202,13 @@ def table(cls: type[Declared]) -> type[Declared]:
 
     The refusal of an assignment names `Scene.replace`.
     """
-
     table_name = cls.__name__.removesuffix("Table").lower() if cls.NAME is None else cls.NAME
+    prefix = f"{table_name}." if table_name else ""
 
     def refuse(self: object, name: str, value: object) -> None:
         raise FrozenInstanceError(
             f"cannot assign to {name}: a scene is frozen; its copy with another value is "
-            f'scene.replace({{"{".".join(filter(None, (table_name, name)))}": {value!r}}})'
+            f'scene.replace({{"{prefix}{name}": {value!r}}})'
         )
 
     made: Any = dataclass(frozen=True)(cls)

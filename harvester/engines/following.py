@@ -138,7 +138,7 @@ def follow(
                 raise
             if len(some) == 1:
                 return [np.full_like(watching[0].samples, np.inf if leaves else -np.inf)]
-            # Starts run side by side end together: the halves show which of them it was.
+            # Starts run side by side end together: the halves show which start ended them.
             half = len(some) // 2
             return sampled(some[:half], number) + sampled(some[half:], number)
         return [strobe.samples for strobe in watching]

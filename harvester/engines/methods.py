@@ -65,13 +65,13 @@ class Engine(Method):
         """Refuse a scene that the engine does not take, before anything runs."""
 
     @abstractmethod
-    def prepare(self, ready: Prepared) -> None:
+    def prepare(self, prepared_scene: Prepared) -> None:
         """Load libraries and compiled code, so that they do not count as simulation."""
 
     @abstractmethod
     def run_realizations(
         self,
-        ready: Prepared,
+        prepared_scene: Prepared,
         paths: list,
         starts: list,
         observers: list,
@@ -157,15 +157,15 @@ class Circuit(Engine):
         if (self.copies or 1) > 1 and not (scene.load.is_resistor and self.source == "external"):
             raise _no_copies(self.copies)
 
-    def prepare(self, ready: Prepared) -> None:
+    def prepare(self, prepared_scene: Prepared) -> None:
         """See `Engine`."""
         from circuits.ngspice import engine
 
-        engine.prepare(ready)
+        engine.prepare(prepared_scene)
 
     def run_realizations(
         self,
-        ready: Prepared,
+        prepared_scene: Prepared,
         paths: list,
         starts: list,
         observers: list,
@@ -175,8 +175,9 @@ class Circuit(Engine):
         from circuits.ngspice import engine
 
         return engine.run_realizations(
-            ready, paths, starts, observers, self.step, self.source, self.scheme, self.tolerance,
-            self.device, outputs, {"gmin": self.gmin, "cshunt": self.cshunt}, self.ramp,
+            prepared_scene, paths, starts, observers, self.step, self.source, self.scheme,
+            self.tolerance, self.device, outputs, {"gmin": self.gmin, "cshunt": self.cshunt},
+            self.ramp,
         )  # fmt: skip
 
 
@@ -204,21 +205,21 @@ class MonteCarlo(Engine):
         if not scene.load.is_resistor:
             _integrator(scene).circuit_of(prepared(scene))
 
-    def prepare(self, ready: Prepared) -> None:
+    def prepare(self, prepared_scene: Prepared) -> None:
         """See `Engine`."""
-        _integrator(ready.scene).prepare(ready)
+        _integrator(prepared_scene.scene).prepare(prepared_scene)
 
     def run_realizations(
         self,
-        ready: Prepared,
+        prepared_scene: Prepared,
         paths: list,
         starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
         """See `Engine`."""
-        return _integrator(ready.scene).run_realizations(
-            ready, paths, starts, observers, self.step, self.scheme, outputs
+        return _integrator(prepared_scene.scene).run_realizations(
+            prepared_scene, paths, starts, observers, self.step, self.scheme, outputs
         )
 
 

@@ -62,16 +62,16 @@ SAME_POWER = 1e-3
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
 
-def several_starts(ready: Prepared) -> bool:
+def several_starts(prepared_scene: Prepared) -> bool:
     """Whether realizations differ by their starts alone."""
-    excitation = ready.scene.excitation
+    excitation = prepared_scene.scene.excitation
     if excitation.random or excitation.prescribes_displacement:
         return False
-    return distinct_realizations(ready) > 1
+    return distinct_realizations(prepared_scene) > 1
 
 
 def attractors(
-    ready: Prepared,
+    prepared_scene: Prepared,
     engine: Engine,
     realizations: dict[int, Realization],
     escaped: int,
@@ -95,35 +95,36 @@ def attractors(
     """
     moments = [realization.moments for realization in realizations.values()]
     samples = np.array([realization.stroboscope for realization in realizations.values()])
-    starts = np.array([start_state(ready, number) for number in realizations])
+    starts = np.array([start_state(prepared_scene, number) for number in realizations])
     # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
-    left = MOST_EXPONENTS if ready.scene.run.starts else 0
+    left = MOST_EXPONENTS if prepared_scene.scene.run.starts else 0
 
     def exponent(states, members):
         nonlocal left
         left -= 1
         if left < 0:
             return None
-        return _exponent(ready.scene, engine, states, starts, members, pool, time_limit)
+        return _exponent(prepared_scene.scene, engine, states, starts, members, pool, time_limit)
 
-    cost, count = step_error(ready, engine.step, engine.name), len(moments) + escaped
-    motions = [motion for *_, motion in _motions(ready, moments, samples, cost, count, exponent)]
+    cost, count = step_error(prepared_scene, engine.step, engine.name), len(moments) + escaped
+    groups = _motions(prepared_scene, moments, samples, cost, count, exponent)
+    motions = [motion for *_, motion in groups]
     unsettled = len(moments) - sum(motion.starts for motion in motions)
     for name, number in ((NOT_SETTLED, unsettled), (ESCAPES, escaped)):
         if number:
             nothing = Group(None, np.zeros(number), np.empty((0, STATE)))
-            motions.append(_attractor(ready, name, nothing, [], cost, count))
+            motions.append(_attractor(prepared_scene, name, nothing, [], cost, count))
     return tuple(motions)
 
 
-def _motions(ready, moments, samples, cost, count, exponent=None):
+def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
     """Motions of the starts, the most common first: (members, members in the means, Attractor).
 
     With `exponent`, a function of samples and members, motions that have not settled are left out.
     """
     samples = samples[:, ~np.isnan(samples).any(axis=(0, 2))]
     last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
-    periodic = bool(ready.scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
+    periodic = bool(prepared_scene.scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
     if not last.shape[1]:
         groups = [Group(None, np.array([k]), state) for k, state in enumerate(states)]
     else:
@@ -132,9 +133,9 @@ def _motions(ready, moments, samples, cost, count, exponent=None):
     for group in groups:
         cycle, members, divergence = {}, group.members, None
         if group.period is not None:
-            remains = transients(states[members], memory_of(ready))[2]
+            remains = transients(states[members], memory_of(prepared_scene))[2]
             if remains.min() <= NEARLY_CONVERGED:
-                cycle = _on_cycle(ready, last[members[[np.argmin(remains)]]], cost)
+                cycle = _on_cycle(prepared_scene, last[members[[np.argmin(remains)]]], cost)
                 members = members[_settled(samples[members, :, :STATE], group.period)]
             elif exponent:
                 continue
@@ -145,7 +146,9 @@ def _motions(ready, moments, samples, cost, count, exponent=None):
         if not (exponent or members.size):
             members = group.members
         name, means = orbit_name(len(motions)), [moments[k] for k in members]
-        motion = _attractor(ready, name, group, means, cost, count, periodic, cycle, divergence)
+        motion = _attractor(
+            prepared_scene, name, group, means, cost, count, periodic, cycle, divergence
+        )
         motions.append((group.members, members, motion))
     return motions
 
@@ -155,7 +158,7 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    ready
+    prepared_scene
         The scene of the realizations that are left.
     moments
         Of the starts on the followed orbit; all under noise.
@@ -164,7 +167,7 @@ class Followed(NamedTuple):
     notes : tuple of str
     """
 
-    ready: Prepared
+    prepared_scene: Prepared
     moments: list[Moments]
     orbits: tuple[Attractor, ...]
     notes: tuple[str, ...]
@@ -177,36 +180,37 @@ def with_orbit(scene: Scene) -> Scene:
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
-def followed(ready: Prepared, good: Sequence[dict], cost: float) -> Followed:
+def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Followed:
     """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 
     `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the share of a
     mean power that the steps may cost.
     """
-    ready = ready.with_run(orbit=with_orbit(ready.scene).run.orbit)
-    run = ready.scene.run
+    prepared_scene = replace(prepared_scene, scene=with_orbit(prepared_scene.scene))
+    orbit = prepared_scene.scene.run.orbit
     moments = [realization for part in good for realization in part["moments"]]
-    complete = ready.with_run(realizations=len(moments))
+    complete = prepared_scene.with_run(realizations=len(moments))
     samples = [part["stroboscope"] for part in good]
     if len(moments) == 1 or any(sample is None for sample in samples):
-        notes = (*note_on_repeats(ready), *note_on_one_start(ready))
+        notes = (*note_on_repeats(prepared_scene), *note_on_one_start(prepared_scene))
         return Followed(complete, moments, (), notes)
-    motions = _motions(ready, moments, np.concatenate(samples), cost, len(moments))
-    if run.orbit == "best":
-        motions.sort(key=lambda found: -_power(found[-1]))
-    elif run.orbit == "rest":
-        motions.sort(key=lambda found: found[0][0])
+    motions = _motions(prepared_scene, moments, np.concatenate(samples), cost, len(moments))
+    if orbit == "best":
+        motions.sort(key=lambda motion: -_power(motion[-1]))
+    elif orbit == "rest":
+        motions.sort(key=lambda motion: motion[0][0])
     orbits = tuple(motion for *_, motion in motions)
-    notes = (*note_on_repeats(ready), on_orbits(ready.scene, orbits))
-    if run.orbit == "weighted":
+    notes = (*note_on_repeats(prepared_scene), on_orbits(prepared_scene.scene, orbits))
+    if orbit == "weighted":
         return Followed(complete, moments, orbits, notes)
     _, members, _ = motions[0]
-    return Followed(_alone(ready, len(members)), [moments[k] for k in members], orbits, notes)
+    alone = _alone(prepared_scene, len(members))
+    return Followed(alone, [moments[k] for k in members], orbits, notes)
 
 
-def note_on_repeats(ready: Prepared) -> tuple[str, ...]:
+def note_on_repeats(prepared_scene: Prepared) -> tuple[str, ...]:
     """A note that realizations which would repeat another one are not run; empty under noise."""
-    count, asked = distinct_realizations(ready), ready.scene.run.realizations
+    count, asked = distinct_realizations(prepared_scene), prepared_scene.scene.run.realizations
     if count == asked:
         return ()
     starts = "there is one" if count == 1 else f"there are {count}, one in each well"
@@ -217,9 +221,9 @@ def note_on_repeats(ready: Prepared) -> tuple[str, ...]:
     )
 
 
-def note_on_one_start(ready: Prepared) -> tuple[str, ...]:
+def note_on_one_start(prepared_scene: Prepared) -> tuple[str, ...]:
     """A note that other starts may reach other motions; empty under noise or if it is linear."""
-    scene, system = ready.scene, ready.system
+    scene, system = prepared_scene.scene, prepared_scene.system
     linear = system.spring.straight and not system.contacts and scene.load.is_resistor
     if scene.excitation.random or scene.excitation.prescribes_displacement or linear:
         return ()
@@ -251,11 +255,12 @@ def _power(motion):
     return quantities.get("mean_output_power", quantities["mean_power"]).estimate
 
 
-def _on_cycle(ready, samples, cost):
+def _on_cycle(prepared_scene, samples, cost):
     """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
     estimates = {}
-    period = ready.scene.excitation.period
-    pairs = means_of(samples, period, cost, memory_of(ready), susceptance(ready)).T
+    period = prepared_scene.scene.excitation.period
+    memory, shunt = memory_of(prepared_scene), susceptance(prepared_scene)
+    pairs = means_of(samples, period, cost, memory, shunt).T
     for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
         value, error = map(float, pair)
         estimates[name] = Estimate(value, error, None, dimension)
@@ -272,9 +277,9 @@ def _settled(samples, period):
     return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
 
 
-def _alone(ready, count):
+def _alone(prepared_scene, count):
     """The scene of a run of some starts alone."""
-    return ready.with_run(realizations=count, starts=None)
+    return prepared_scene.with_run(realizations=count, starts=None)
 
 
 def _exponent(scene, engine, samples, starts, members, pool, time_limit):
@@ -289,12 +294,14 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     return exponent_of(finer, np.concatenate(samples_of_calls), scale)
 
 
-def _attractor(ready, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
+def _attractor(
+    prepared_scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None
+):
     """One motion with its own means: those of a run of some of its starts, and of its cycle."""
     scaled = {}
     if moments:
-        scaled = run_estimates(_alone(ready, len(moments)), moments, cost).scaled
-    scales, starts = ready.scales, group.members.size
+        scaled = run_estimates(_alone(prepared_scene, len(moments)), moments, cost).scaled
+    scales, starts = prepared_scene.scales, group.members.size
     units = np.array([scales.of("displacement"), scales.of("velocity")])
     return Attractor(
         name=name,
@@ -302,7 +309,7 @@ def _attractor(ready, name, group, moments, cost, count, periodic=False, cycle=N
         periodic_drive=periodic,
         starts=starts,
         share=starts / count,
-        share_error=share_error(starts, count) if ready.scene.run.starts else None,
+        share_error=share_error(starts, count) if prepared_scene.scene.run.starts else None,
         quantities={
             key: estimate.times(scales.of(estimate.dimension))
             for key, estimate in (scaled | (cycle or {})).items()

@@ -41,7 +41,7 @@ NOTED_MISSING = 0.01
 # The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
-    ready: Prepared,
+    prepared_scene: Prepared,
     engine: Engine,
     realizations: list[Realization],
     failures: dict[int, SimulationError],
@@ -49,13 +49,13 @@ def result_of(
     motions: tuple[Attractor, ...] = (),
 ) -> Result:
     """The result of the completed realizations, with the failures and the motions found."""
-    scene = ready.scene
+    scene = prepared_scene.scene
     moments = [run.moments for run in realizations]
     first, last = min(run.started for run in realizations), max(run.ended for run in realizations)
-    cost = step_error(ready, engine.step, engine.name)
-    estimates = run_estimates(ready, moments, cost)
+    cost = step_error(prepared_scene, engine.step, engine.name)
+    estimates = run_estimates(prepared_scene, moments, cost)
     drawn = scene.run.starts is not None
-    symmetric = is_symmetric(scene, ready.system)
+    symmetric = is_symmetric(scene, prepared_scene.system)
     shapes = densities(estimates.moments, symmetric, estimates.balance, drawn)
     joints = [run.joint for run in realizations if run.joint is not None]
     joint = joint_density_of(joints, symmetric) if joints else None
@@ -73,12 +73,14 @@ def result_of(
         failure_notes = (f"{failed} of {failed + len(moments)} realizations failed: {example}",)
     waveform, run = None, realizations[0]
     if run.waveform is not None:
-        waveform = waveform_of(scene, engine.title, ready.scales, run.waveform, run.electrical)
+        waveform = waveform_of(
+            scene, engine.title, prepared_scene.scales, run.waveform, run.electrical
+        )
     return Result(
         scene=scene,
         engine=engine.title,
         scaled_quantities=estimates.scaled,
-        scales=ready.scales,
+        scales=prepared_scene.scales,
         error_kind="statistical",
         energy_balance_residual=estimates.residual,
         wall_seconds=last - first,
@@ -86,14 +88,15 @@ def result_of(
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=moments[0].step
-        or knot_spacing(ready) / steps_per_sample(ready, engine.step, engine.name),
+        or knot_spacing(prepared_scene)
+        / steps_per_sample(prepared_scene, engine.step, engine.name),
         step_error=None if engine.chooses_steps else estimates.step_error,
         realizations=len(moments),
         engine_version=run.engine_version,
         netlist_sha256=run.netlist_sha256,
         notes=(
-            *notes_on_excitation(ready),
-            *_notes_on_starts(ready, motions),
+            *notes_on_excitation(prepared_scene),
+            *_notes_on_starts(prepared_scene, motions),
             *estimates.notes,
             *_density_notes(estimates, shapes),
             *failure_notes,
@@ -125,21 +128,23 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
     return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
 
-def partial_result(ready: Prepared, engine: Engine, error: SimulationError) -> Result | None:
+def partial_result(
+    prepared_scene: Prepared, engine: Engine, error: SimulationError
+) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
     reached = [Realization(m) for m in error.partial or () if measured_time([m]) > 0.0]
-    return result_of(ready, engine, reached, {}, type(error).__name__) if reached else None
+    return result_of(prepared_scene, engine, reached, {}, type(error).__name__) if reached else None
 
 
-def notes_on_excitation(ready: Prepared) -> tuple[str, ...]:
+def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
     """Notes for the result on the excitation that a scene was run with."""
-    scene = ready.scene
-    frequency = timescales.angular_frequency(ready.system)
-    spacing, decay = knot_spacing(ready), ready.system.transducer.decay_rate()
+    scene = prepared_scene.scene
+    frequency = timescales.angular_frequency(prepared_scene.system)
+    spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
     # Noise without a highest frequency moves the base by so much more than its straight lines do.
     banded = isinstance(scene.excitation, Spectrum)
-    missing = timescales.base_share(ready.system, spacing) * 0.5 * decay * spacing
+    missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
             f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
@@ -149,14 +154,14 @@ def notes_on_excitation(ready: Prepared) -> tuple[str, ...]:
     return notes
 
 
-def _notes_on_starts(ready, motions):
+def _notes_on_starts(prepared_scene, motions):
     """Notes on how many different motions a deterministic run's starts reach."""
-    scene = ready.scene
+    scene = prepared_scene.scene
     if scene.excitation.random:
         return ()
-    repeats, asked = note_on_repeats(ready), scene.run.realizations
-    if distinct_realizations(ready) == 1:
-        return (*repeats, *note_on_one_start(ready))
+    repeats, asked = note_on_repeats(prepared_scene), scene.run.realizations
+    if distinct_realizations(prepared_scene) == 1:
+        return (*repeats, *note_on_one_start(prepared_scene))
     unit = unit_of(scene, "power")
     lines = (*repeats, *(motion.sentence(unit) for motion in motions))
     if any(motion.kind == UNDETERMINED for motion in motions):

@@ -237,12 +237,12 @@ def _perturbations(prepared_scene, engine):
     return tuple(cost * share for share in PERTURBATIONS[:count])
 
 
-def _ensemble(ready, indices, perturbations):
+def _ensemble(prepared_scene, indices, perturbations):
     """Paths, starts and empty moments of the perturbed runs of each realization."""
     pairs = [(index, share) for index in indices for share in perturbations]
-    paths = [noise_path(ready, index, 1.0 + share) for index, share in pairs]
-    starts = [start_state(ready, index) for index, _ in pairs]
-    return paths, starts, [empty_moments(ready) for _ in pairs]
+    paths = [noise_path(prepared_scene, index, 1.0 + share) for index, share in pairs]
+    starts = [start_state(prepared_scene, index) for index, _ in pairs]
+    return paths, starts, [empty_moments(prepared_scene) for _ in pairs]
 
 
 def _run_ensemble(prepared_scene, engine, indices, realizations, perturbations):
@@ -422,11 +422,11 @@ def _run(
     ]
 
 
-def _probed(ready, probes):
-    """The scene made ready with a load that hands the nodes of these probes out as well."""
+def _probed(prepared_scene, probes):
+    """The prepared scene with a load that hands the nodes of these probes out as well."""
     if not probes:
-        return ready
-    scene = ready.scene
+        return prepared_scene
+    scene = prepared_scene.scene
     circuit = replace(scene.load.circuit, probes=tuple(_watched(probes)))
     return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
 
@@ -445,20 +445,20 @@ def _electrical(waveform, scene, probes):
     return electrical | {probe.column: probe.value(values) for probe in probes}
 
 
-def empty_moments(ready: Prepared) -> Moments:
+def empty_moments(prepared_scene: Prepared) -> Moments:
     """Nothing accumulated yet, in the batches that the scene's run is cut into."""
-    scene, parameters = ready.scene, ready.system
-    spacing = knot_spacing(ready)
-    start, batches, groups = _measured(ready, spacing)
+    scene, parameters = prepared_scene.scene, prepared_scene.system
+    spacing = knot_spacing(prepared_scene)
+    start, batches, groups = _measured(prepared_scene, spacing)
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
-        start, stop_time(ready), timescales.free_zone(parameters), saddles,
+        start, stop_time(prepared_scene), timescales.free_zone(parameters), saddles,
         bool(saddles) and not even, batches, groups, KNOTS_PER_HISTOGRAM_SAMPLE * spacing,
     )  # fmt: skip
     if saddles:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
-    moments.strain = StrainMoments.of(ready, batches)
+    moments.strain = StrainMoments.of(prepared_scene, batches)
     return moments
 
 
@@ -467,17 +467,17 @@ def quantity_names(scene: Scene) -> tuple[str, ...]:
 
     They are those of the estimates from moments that are filled with ones.
     """
-    ready, load = prepared(scene), scene.load.circuit
-    moments = empty_moments(ready)
+    prepared_scene, load = prepared(scene), scene.load.circuit
+    moments = empty_moments(prepared_scene)
     if load:
         moments.output = OutputMoments.beside(moments, load.recorded, load.has_output)
         moments.output.stored[:] = 1.0
     moments.integrals[:], moments.products[:] = moments.batch_length, 1.0
     moments.first[:], moments.last[:] = 0.0, 1.0
-    moments.last[0] = stop_time(ready)
+    moments.last[0] = stop_time(prepared_scene)
     with np.errstate(all="ignore"):
-        estimates = run_estimates(ready, [moments]).whole
-    # Given where the device stores energy from the run's beginning to its end.
+        estimates = run_estimates(prepared_scene, [moments]).whole
+    # These moments may store too little energy in the device for its storage power.
     return tuple(estimates | {"mean_device_storage_power": None})
 
 
@@ -493,15 +493,15 @@ def _period(scene):
     return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else period
 
 
-def _measured(ready, spacing):
+def _measured(prepared_scene, spacing):
     """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
-    run, period = ready.scene.run, _period(ready.scene)
-    one_path = period is None and not ready.scene.excitation.random
+    run, period = prepared_scene.scene.run, _period(prepared_scene.scene)
+    one_path = period is None and not prepared_scene.scene.excitation.random
     batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)
     if period is None or period > run.duration:
         return run.settle, batches, groups
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
-    start = stop_time(ready) - periods // batches * batches * period
+    start = stop_time(prepared_scene) - periods // batches * batches * period
     # The point that begins the first period counts whichever way its time is rounded.
     return max(start, run.settle) - 1e-9 * spacing, batches, min(groups, batches)

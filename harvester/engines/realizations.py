@@ -167,7 +167,7 @@ class Realizations:
             return "its waveform has another shape"
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
-        if several_starts(self._prepared) and len(found["stroboscope"]) != len(indices):
+        if several_starts(prepared(self.scene)) and len(found["stroboscope"]) != len(indices):
             return "its stroboscopic samples are of another number of realizations"
         load = self.scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
@@ -189,12 +189,8 @@ class Realizations:
         return Task(realizations, arguments, self.version, self.method.name, len(indices), misfit)
 
     @cached_property
-    def _prepared(self):
-        return prepared(self.scene)
-
-    @cached_property
     def _template(self):
-        return empty_moments(self._prepared)
+        return empty_moments(prepared(self.scene))
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:

@@ -23,7 +23,7 @@ from harvester.engines.task import Wanted
 from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
-from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, step_error
 from harvester.scene.units import Scales
 from harvester.statistics.densities import densities
@@ -97,11 +97,6 @@ class Request:
         return isinstance(self.method, Stationary)
 
     @property
-    def prepared(self) -> Prepared:
-        """The scene made ready."""
-        return prepared(self.scene)
-
-    @property
     def cut_from(self) -> Scene:
         """The scene of its tasks: the same for all requests that share realizations.
 
@@ -120,7 +115,7 @@ class Request:
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
         requested = self.realizations or self.scene.run.realizations
-        return distinct_realizations(self.prepared, requested)
+        return distinct_realizations(prepared(self.scene), requested)
 
 
 @dataclass(frozen=True)
@@ -224,7 +219,7 @@ def answering(
     cut = Realizations.of(request.cut_from, request.method, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     first = min(cut.whole(request.first), most)
-    cost = step_error(request.prepared, request.method.step, request.method.name)
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
     aim = sampling_error_budget(request.precision, cost) if request.precision else None
 
     def judge(good, ended):
@@ -357,9 +352,9 @@ def _answer(request, good, ended, cost):
 
     `cost` is the share of a power that the steps may cost.
     """
-    ready, moments, orbits, on_orbits = followed(request.prepared, good, cost)
-    scene, system = ready.scene, ready.system
-    estimates = run_estimates(ready, moments, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(prepared(request.scene), good, cost)
+    scene, system = prepared_scene.scene, prepared_scene.system
+    estimates = run_estimates(prepared_scene, moments, cost)
     if not abs(estimates.residual) <= LARGEST_RESIDUAL:
         return not_balanced(estimates.residual), 0.0
     reached, unseen = _reached(request, scene, system, estimates.whole)
@@ -369,7 +364,7 @@ def _answer(request, good, ended, cost):
         shape = densities(estimates.moments, even, estimates.balance).get("displacement")
     if estimates.shortfalls and shape:
         shape = replace(shape, standard_error=None)
-    notes = [*notes_on_excitation(ready), *on_orbits, *estimates.notes]
+    notes = [*notes_on_excitation(prepared_scene), *on_orbits, *estimates.notes]
     notes += residual_notes(estimates.residual)
     precision = request.precision
     if precision and note_on_steps(precision, cost):

@@ -26,7 +26,6 @@ STORED_SHARE_OF_SHORT_RUNS = 0.5
 # A residual is ascribed to load or damper when, over at least so many realizations, it has at least
 # this correlation with what that part dissipates.
 FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
-CONVERTER_LOSS = "mean_converter_loss"
 
 
 def suspected_cause(result: Result) -> str:
@@ -36,11 +35,12 @@ def suspected_cause(result: Result) -> str:
 
 def _causes(result):
     """Clauses on the causes that the evidence suggests, the most certain first."""
-    p, converter = prepared(result.scene).system, result.scaled_quantities.get(CONVERTER_LOSS)
+    prepared_scene = prepared(result.scene)
+    system, converter = prepared_scene.system, result.scaled_quantities.get("mean_converter_loss")
     # Integrals of each realization, and the change of its stored energy.
     sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
     totals = {name: sums[:, column] for column, name in enumerate(QUANTITIES)}
-    stored = np.array([stored_change(m, p) for m in result.moments])
+    stored = np.array([stored_change(m, system) for m in result.moments])
     put_in, taken = totals["input_power"].sum(), totals["load_power"].sum()
     if not (np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored))):
         yield (
@@ -65,14 +65,14 @@ def _causes(result):
             f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
             "that its ends matter; raise run.duration"
         )
-    fastest = _fastest(result)
+    fastest = _fastest(prepared_scene)
     beyond_steps = (
         abs(result.energy_balance_residual)
         >= STEP_ERROR_FACTOR * (fastest * result.step) ** 2 / 12.0
     )
-    absorbers = _absorbers(totals, stored)
+    missing = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
+    absorbers = _absorbers(totals, missing)
     if absorbers and beyond_steps:
-        missing = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
         share = missing.sum() / next(iter(absorbers.values())).sum()
         names = " or the ".join(absorbers)
         yield (
@@ -86,8 +86,8 @@ def _causes(result):
             "the load's switches, coils or sources ask for shorter steps than these; choose a "
             "shorter --step"
         )
-    impacts, contact_time = totals["impacts"].sum(), timescales.contact_time(p)
-    resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
+    impacts, contact_time = totals["impacts"].sum(), timescales.contact_time(system)
+    resolving = steps_per_contact(prepared_scene, result.step, result.engine)
     if impacts and not contact_time > resolving * result.step:
         yield (
             f"contacts: {impacts:.0f} of about {contact_time:.2g} s each, against "
@@ -104,11 +104,10 @@ def _causes(result):
     )
 
 
-def _absorbers(totals, stored):
+def _absorbers(totals, missing):
     """Energies of the parts that the missing energy is proportional to, rather than to the loss."""
-    if len(stored) < FEWEST_REALIZATIONS:
+    if len(missing) < FEWEST_REALIZATIONS:
         return {}
-    missing = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
     loss = totals["loss_power"] - totals["transducer_loss"]
     least = max(LEAST_CORRELATION, _together(missing, loss))
     energies = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
@@ -123,9 +122,8 @@ def _together(left, taken):
     return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _fastest(result):
+def _fastest(prepared_scene):
     """Angular frequency of the fastest motion, the device's own or that under the excitation."""
-    prepared_scene = prepared(result.scene)
     natural = timescales.fastest_angular_frequency(prepared_scene.system)
     if prepared_scene.scene.excitation.prescribes_displacement:
         return natural

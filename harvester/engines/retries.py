@@ -24,6 +24,7 @@ from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 
 if TYPE_CHECKING:
+    from harvester.device.system import System
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
@@ -37,12 +38,12 @@ SHUNTS = 1e-4, 1e-3
 MOST_NAMED = 3
 
 
-def run_converged(ready: Prepared, engine: Engine, simulate: Callable) -> list[Any]:
+def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) -> list[Any]:
     """Realizations of `simulate(engine)`, with the first option that converges if it fails.
 
     Parameters
     ----------
-    ready : Prepared
+    prepared_scene : Prepared
     engine : Engine
     simulate : callable
         Given an engine, it returns a list of `Realization`.
@@ -55,18 +56,16 @@ def run_converged(ready: Prepared, engine: Engine, simulate: Callable) -> list[A
     try:
         return simulate(engine)
     except (NotConverged, SolutionDiverged) as error:
-        if (
-            not isinstance(engine, Circuit)
-            or ready.scene.load.is_resistor
-            or engine.source == "pwl"
-        ):
+        load = prepared_scene.scene.load
+        if not isinstance(engine, Circuit) or load.is_resistor or engine.source == "pwl":
             raise
         failure = error
     tried = []
-    for words, aided, doubled in _options(ready, engine):
+    for words, aided, doubled in _options(prepared_scene, engine):
         try:
             realizations = simulate(aided)
-            reason = _too_large(ready, realizations, simulate(doubled) if doubled else realizations)
+            others = simulate(doubled) if doubled else realizations
+            reason = _too_large(prepared_scene.system, realizations, others)
         except (NotConverged, SolutionDiverged):
             tried.append(words)
             continue
@@ -78,7 +77,7 @@ def run_converged(ready: Prepared, engine: Engine, simulate: Callable) -> list[A
                 realization.moments.note = note
             return realizations
         tried.append(f"{words} (refused: {reason})")
-    steep = (source.place for source in ready.scene.load.circuit.elements if source.expression)
+    steep = (source.place for source in load.circuit.elements if source.expression)
     raise SimulatorAborted(
         f"{failure}; tried without success: {'; '.join(tried)}; give the node a capacitor, "
         f"or smooth {', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
@@ -91,16 +90,19 @@ def _trouble(failure):
     return str(failure).partition("trouble with ")[2] or str(failure)
 
 
-def _options(ready: Prepared, engine: Circuit) -> Iterator[tuple[str, Circuit, Circuit | None]]:
+def _options(
+    prepared_scene: Prepared, engine: Circuit
+) -> Iterator[tuple[str, Circuit, Circuit | None]]:
     """Each option in words, the engine with it, and with twice its value if it has one."""
+    spacing = knot_spacing(prepared_scene)
     if engine.scheme != "gear":
         yield "Gear's rule", replace(engine, scheme="gear"), None
-    steps = FINER * steps_per_sample(ready, engine.step)
-    yield "steps a quarter as long", replace(engine, step=knot_spacing(ready) / steps), None
+    steps = FINER * steps_per_sample(prepared_scene, engine.step)
+    yield "steps a quarter as long", replace(engine, step=spacing / steps), None
     values = {"gmin": GMIN}
-    if ready.scene.load.circuit.sources:
-        values = {"ramp": knot_spacing(ready)} | values
-    capacitance = ready.network.reference_capacitance
+    if prepared_scene.scene.load.circuit.sources:
+        values = {"ramp": spacing} | values
+    capacitance = prepared_scene.network.reference_capacitance
     shunts = [("cshunt", share * capacitance) for share in SHUNTS]
     for name, value in [*values.items(), *shunts]:
         words = {
@@ -113,10 +115,10 @@ def _options(ready: Prepared, engine: Circuit) -> Iterator[tuple[str, Circuit, C
         yield f"Gear's rule and {words}", replace(engine, **one), replace(engine, **two)
 
 
-def _too_large(ready: Prepared, realizations: list[Any], doubled: list[Any]) -> str:
+def _too_large(system: System, realizations: list[Any], doubled: list[Any]) -> str:
     """Why an option that changes the circuit is not used; empty if its effect is negligible."""
     moments, others = ([one.moments for one in runs] for runs in (realizations, doubled))
-    residual = abs(energy_balance_residual(moments, ready.system))
+    residual = abs(energy_balance_residual(moments, system))
     if not residual <= CONVERGED_RESIDUAL:
         return f"energy balance residual {residual:.1%}"
     change = max(map(_change, moments, others))

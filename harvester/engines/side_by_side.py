@@ -46,7 +46,7 @@ def together(realizations: int, workers: float) -> int:
 
 
 def share_steps(
-    ready: Prepared,
+    prepared_scene: Prepared,
     step: str | float = "default",
     source: str = "external",
     tolerance: float | None = None,
@@ -57,15 +57,15 @@ def share_steps(
     steps), if the local error controls the steps, or if the load switches.
     """
     return (
-        ready.scene.load.is_resistor
+        prepared_scene.scene.load.is_resistor
         and source == "external"
         and tolerance is None
-        and not contacts_shorten_steps(ready, step)
+        and not contacts_shorten_steps(prepared_scene, step)
     )
 
 
-def contacts_shorten_steps(ready: Prepared, step: str | float) -> bool:
+def contacts_shorten_steps(prepared_scene: Prepared, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
-    system = ready.system
-    longest = knot_spacing(ready) / steps_per_sample(ready, step)
-    return timescales.contact_time(system) < steps_per_contact(ready, step) * longest
+    system = prepared_scene.system
+    longest = knot_spacing(prepared_scene) / steps_per_sample(prepared_scene, step)
+    return timescales.contact_time(system) < steps_per_contact(prepared_scene, step) * longest

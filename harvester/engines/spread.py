@@ -40,32 +40,34 @@ def running(
             yield pool
 
 
-def optimal_batch_size(ready: Prepared, engine: Engine, pool: Workers) -> int:
+def optimal_batch_size(prepared_scene: Prepared, engine: Engine, pool: Workers) -> int:
     """Realizations in one call of an engine: its option `copies`, else the fastest number."""
-    count = distinct_realizations(ready)
+    count = distinct_realizations(prepared_scene)
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
-        return side_by_side.together(count, workers) if ready.scene.load.is_resistor else 1
+        return side_by_side.together(count, workers) if prepared_scene.scene.load.is_resistor else 1
     if not isinstance(engine, Circuit):
         return 1
     if engine.copies:
         return engine.copies
     shared = engine.step, engine.source, engine.tolerance
-    if count == 1 or not side_by_side.share_steps(ready, *shared):
+    if count == 1 or not side_by_side.share_steps(prepared_scene, *shared):
         return 1
-    (device,) = pool.map(_device_used, [{"ready": ready, "device": engine.device}])
+    (device,) = pool.map(
+        _device_used, [{"prepared_scene": prepared_scene, "device": engine.device}]
+    )
     return side_by_side.copies(count, device)
 
 
-def _device_used(ready, device, report):
+def _device_used(prepared_scene, device, report):
     """See `circuits.ngspice.engine.device_used`; called in a worker, as it needs PySpice."""
     from circuits.ngspice.engine import device_used
 
-    return device_used(ready, device, report)
+    return device_used(prepared_scene, device, report)
 
 
 def calls_of(
-    ready: Prepared,
+    prepared_scene: Prepared,
     engine: Engine,
     copies: int,
     stretch: WaveformWindow | None,
@@ -73,10 +75,10 @@ def calls_of(
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.engines.realization.run`, `copies` realizations in each."""
-    indices = range(distinct_realizations(ready))
+    indices = range(distinct_realizations(prepared_scene))
     return [
         {
-            "scene": ready.scene,
+            "scene": prepared_scene.scene,
             "engine": engine,
             "indices": list(indices[start : start + copies]),
             "window": None,
@@ -89,13 +91,13 @@ def calls_of(
 
 
 def stretch_of(
-    ready: Prepared, window: Sequence[float] | str | None, nodes: Sequence[str]
+    prepared_scene: Prepared, window: Sequence[float] | str | None, nodes: Sequence[str]
 ) -> WaveformWindow:
     """The part of the first realization that is kept as the result's waveform.
 
     Raises HarvesterError for a window without a length or a node that the load does not have.
     """
-    scene = ready.scene
+    scene = prepared_scene.scene
     nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
         raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
@@ -104,7 +106,7 @@ def stretch_of(
         from circuits.netlist.measurement import probes_of
 
         probes = probes_of(scene.load.circuit, nodes)
-    end = stop_time(ready)
+    end = stop_time(prepared_scene)
     if window == "all":
         window = (0.0, math.inf)
     if window is not None:
@@ -118,7 +120,7 @@ def stretch_of(
             raise HarvesterError(f"--window {start:g}:{stop:g}: the run ends at {end:g} s")
         return WaveformWindow(start, stop, probes=probes)
     start, stop = scene.run.settle, end
-    rate = timescales.angular_frequency(ready.system)
+    rate = timescales.angular_frequency(prepared_scene.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
     return WaveformWindow(start, stop, MOST_POINTS, probes)
@@ -160,10 +162,12 @@ def outcomes(
 class Follower:
     """Computes the progress of all realizations from their reports."""
 
-    def __init__(self, ready: Prepared, method: str, progress: Callable[[float, str], object]):
+    def __init__(
+        self, prepared_scene: Prepared, method: str, progress: Callable[[float, str], object]
+    ):
         self._method = method
-        run = ready.scene.run
-        self._total = (run.settle + run.duration) * distinct_realizations(ready)
+        run = prepared_scene.scene.run
+        self._total = (run.settle + run.duration) * distinct_realizations(prepared_scene)
         self._reached: dict[int, float] = {}
         self._progress = progress
 

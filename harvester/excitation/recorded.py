@@ -236,7 +236,7 @@ class RecordedMotion(Excitation):
             steady = "hold for records like it; its mean square is steady"
             lines.append(
                 f"one pass of one record: error bars {drifting if change > STEADY else steady}; "
-                "those of stored powers are the steps', as they are this record's own"
+                "error bars of stored powers hold for this record alone: they are the steps' error"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(

@@ -133,7 +133,7 @@ class MeasuredFile:
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
         if names[index] and not self.headings[index].unit:
-            # A title that names no quantity is told by the setting what it holds.
+            # The setting says which quantity a column holds whose title names none.
             self.headings[index] = heading(names[index], quantity)
         fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:

@@ -229,7 +229,7 @@ def _form_of(lines):
             seen.append(best)
     if not seen:
         raise ValueError(
-            "its last lines hold no numbers: samples are to stand below the heading, one a line"
+            "its last lines hold no numbers: write samples below the heading, one a line"
         )
     widths = Counter((form.separator, len(form.kinds)) for form in reversed(seen))
     separator, width = widths.most_common(1)[0][0]

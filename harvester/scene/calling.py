@@ -37,7 +37,7 @@ def scene_of(scene: SceneOrName) -> Scene:
 
 
 @contextlib.contextmanager
-def _followed(
+def _with_progress(
     name: str, accepted: Container[str], options: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
     """The options of a call, in a notebook with a progress bar; `progress=False` leaves it out."""
@@ -78,7 +78,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         surplus = arguments[len(accepted) - len(by_keyword) :]
         if surplus:
             raise UnknownOption(
-                f"{name}: {shown(surplus[0])} stands without its name: options are given as "
+                f"{name}: {shown(surplus[0])} is given without its name: options are given as "
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options:
@@ -90,7 +90,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
         with (
             usual_arithmetic(),
             named_as_called(function),
-            _followed(name, accepted, options) as values,
+            _with_progress(name, accepted, options) as values,
         ):
             check_options(function, values)
             check_processes(values)

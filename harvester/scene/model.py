@@ -9,7 +9,7 @@ import html
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import FrozenInstanceError, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +67,7 @@ class Scene(Table):
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
     def __setitem__(self, key: str, value: object) -> None:
-        raise FrozenInstanceError(
-            f"cannot assign to {key}: a scene is frozen; its copy with another value is "
-            f"scene.replace({{{key!r}: {value!r}}})"
-        )
+        setattr(self, key, value)
 
     @classmethod
     def read(cls, source: str | Path, overrides: Iterable[str] = ()) -> Scene:

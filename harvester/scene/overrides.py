@@ -91,11 +91,12 @@ def put_all(tables: dict[str, Any], changes: dict[str, Any], origin: str) -> Non
     for dotted, value in changes.items():
         removed = put(tables, dotted, value, origin)
         lost = next((key for key in done if key.partition("[")[0] in removed), None)
-        if lost and changes[lost] is not None:
+        if lost:
             raise SceneError(
                 f"{origin} {named(lost)} and {named(dotted)} exclude each other: keep one"
             )
-        done.append(dotted)
+        if value is not None:
+            done.append(dotted)
 
 
 def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str]:

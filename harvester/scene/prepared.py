@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from harvester.device.terminals import Network, Setting
     from harvester.scene.model import Scene
 
-# So many scenes are kept ready, since a study's workers go to and fro between its places.
+# Number of prepared scenes in the cache: a study's workers alternate between its points.
 KEPT = 64
 
 
@@ -51,13 +51,13 @@ class Prepared:
         return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 
     def with_run(self, **changes: Any) -> Prepared:
-        """The same device with other values of [run], on which nothing here depends."""
+        """Return a copy with other values of [run]: only `scene` depends on them."""
         return replace(self, scene=replace(self.scene, run=replace(self.scene.run, **changes)))
 
 
 @functools.lru_cache(maxsize=KEPT)
 def prepared(scene: Scene) -> Prepared:
-    """The scene made ready; the only place where it is scaled."""
+    """Return the prepared scene, from the cache if it is there; nothing else scales a scene."""
     system, scales = scale(scene)
     unit = excitation_unit(scene, scales.displacement)
     return Prepared(scene, system, scales, setting(scene), unit)

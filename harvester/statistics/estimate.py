@@ -24,7 +24,7 @@ STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons say more about a value than that the run is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
-# What users of other libraries look for.
+# Names of the two attributes in other libraries.
 OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 

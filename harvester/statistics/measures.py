@@ -18,7 +18,6 @@ from harvester.statistics.batch_means import (
     complete_batches,
     independent_events,
     ratio_estimate,
-    standard_error,
 )
 from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, Estimate
 from harvester.statistics.moments import QUANTITIES, Moments
@@ -33,15 +32,15 @@ INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 def estimate_measures(
     moments: Sequence[Moments],
-    error_of: Callable = standard_error,
-    error_of_change: Callable | None = None,
+    error_of: Callable,
+    error_of_change: Callable,
 ) -> dict[str, Estimate]:
     """Quantities of the measures of a load with an output, scaled.
 
     Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
     of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
     run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
-    `NAME_energy`, each time that it holds. `error_of_change` is for stores, by default `error_of`.
+    `NAME_energy`, each time that it holds. `error_of_change` is for stores.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
@@ -51,7 +50,7 @@ def estimate_measures(
         if kind not in _QUANTITIES:
             continue
         series = measured_series(moments, row)
-        error = error_of_change if kind == STORE and error_of_change else error_of
+        error = error_of_change if kind == STORE else error_of
         estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error))
     return estimates
 

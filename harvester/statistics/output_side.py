@@ -90,8 +90,8 @@ def estimate_output(
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     sources, squares, estimates = supplied(moments), _squares(moments, output), {}
+    used, stored = _used_and_stored(moments, output)
     if sources:
-        used, _ = _used_and_stored(moments, output)
         square = squares.pop("mean_output_power", None)
         estimates[USED] = ratio_estimate(used, time, "power", squares=square, error_of=error_of)
     for name, energy in sources.items():
@@ -101,17 +101,19 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
-    energies_of = output_ratios(moments)
-    for name, dimension in RATIOS.items():
-        energies = energies_of[name]
-        estimate = ratio_estimate(*energies, dimension, NOTHING_PUT_IN, squares.get(name), error_of)
-        if name != "output_voltage":
-            estimate = _resolved(
-                estimate, *energies, _least_resolved(name, moments, output, energies_of)
-            )
-        if name == "mean_output_power" and not (energies[0].any() or _takes(moments)):
-            estimate = Estimate(0.0, None, None, "power", NO_OUTPUT)
+    given = batches[:, :, PIEZO_QUANTITIES.index("load_power")]
+    least_resolved = _least_resolved(used, sources, given, stored)
+    for name, (upper, lower) in output_ratios(moments).items():
+        estimate = ratio_estimate(
+            upper, lower, RATIOS[name], NOTHING_PUT_IN, squares.get(name), error_of
+        )
+        if name in least_resolved:
+            estimate = _resolved(estimate, upper, lower, least_resolved[name])
         estimates[name] = estimate
+    side = moments[0].output
+    has_load = side.conductance > 0.0 or any(kind == OUTPUT for kind, _ in side.rows)
+    if not (has_load or sources):
+        estimates["mean_output_power"] = Estimate(0.0, None, None, "power", NO_OUTPUT)
     estimates |= {
         "output_ripple": _ripple(moments, output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
@@ -122,9 +124,8 @@ def estimate_output(
         if estimates[name].estimate <= RESOLVED_SHARE * mean:
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
-    stored, _ = energies_of["mean_storage_power"]
     storage = estimates["mean_storage_power"]
-    # Another hour has another path, unlike the measured time.
+    # The error of an hour includes that of its path; the measured time has this path.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
@@ -132,22 +133,19 @@ def estimate_output(
     return estimates | estimate_measures(moments, error_of, error_of_change)
 
 
-def _takes(moments):
-    """Whether a load has a resistor across its output, or a measure of it."""
-    output = moments[0].output
-    return output.conductance > 0.0 or any(kind == OUTPUT for kind, _ in output.rows)
-
-
-def _least_resolved(name, moments, output, energies_of):
-    """The energy below which a difference, or what is left of the load's energy, is rounding."""
-    used, stored = _used_and_stored(moments, output)
-    given = abs(float(energies_of["converter_efficiency"][1].sum()))
-    exchanged = sum(abs(float(part.sum())) for part in (used, *supplied(moments).values()))
-    if name in ("mean_storage_power", "mean_converter_loss"):
-        exchanged += given
-    if name not in ("mean_storage_power", "mean_output_power"):
-        exchanged += abs(float(stored.sum()))
-    return max(RESOLVED_SHARE * exchanged, LEAST_SHARE * given)
+def _least_resolved(used, sources, given, stored):
+    """By quantity, the energy below which a difference or a share of energies is rounding."""
+    given, stored = abs(float(given.sum())), abs(float(stored.sum()))
+    exchanged = sum(abs(float(part.sum())) for part in (used, *sources.values()))
+    sums = {
+        "mean_output_power": exchanged,
+        "mean_storage_power": exchanged + given,
+        "mean_converter_loss": exchanged + given + stored,
+        "converter_efficiency": exchanged + stored,
+        "end_to_end_efficiency": exchanged + stored,
+    }
+    least = LEAST_SHARE * given
+    return {name: max(RESOLVED_SHARE * energy, least) for name, energy in sums.items()}
 
 
 def _resolved(estimate, upper, lower, least):

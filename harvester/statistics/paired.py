@@ -19,6 +19,8 @@ from harvester.statistics.well_balance import weighted, well_balance
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
 SAME_WELLS = 0.01
 EFFICIENCY = "power_conversion_efficiency"
+# Quantities that are ratios of sums over batches, which `deviations` takes.
+WITH_DEVIATIONS = (*MEANS, *RATIOS, EFFICIENCY)
 
 
 def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
@@ -79,23 +81,13 @@ def _error(ratio, pairs, balances):
     """
     shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances
-    if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
-        return _times(standard_error(shares[0] - shares[1]), ratio)
-    parts = []
-    for share, balance in zip(shares, balances, strict=True):
-        if balance is not None and balance.error(share) is None:
+    same = ours and theirs and np.allclose(ours.features, theirs.features, 0.0, SAME_WELLS)
+    for k, balance in enumerate(() if same else balances):
+        if balance and balance.error(shares[k]) is None:
             return None
-        parts.append(share if balance is None else balance.parts(share))
-    return _times(standard_error(parts[0] - parts[1]), ratio)
-
-
-def _times(error, ratio):
+        shares[k] = balance.parts(shares[k]) if balance else shares[k]
+    error = standard_error(shares[0] - shares[1])
     return None if error is None else abs(ratio) * error
-
-
-def has_deviations(name: str) -> bool:
-    """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
-    return name in MEANS or name in (*RATIOS, EFFICIENCY)
 
 
 def deviations(moments: Sequence[Moments], name: str) -> Any:
@@ -103,7 +95,7 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
 
     Combinations of several results on common noise get their error from the same combination of
     these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
-    estimate's scaled one; `name` is one for which `has_deviations` is true.
+    estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

@@ -74,7 +74,7 @@ CHAOTIC = (
     "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
     "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
 )
-# Of a record this many times as long no error bar is promised: a store that charges looks like it.
+# No record is advised that is longer by this factor: a store that charges slowly gives such advice.
 LONGEST_ADVICE = 16.0
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
@@ -150,26 +150,26 @@ def run_estimates(
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
     batch = moments[0].batch_length
-    error = balance.error if balance else error_of(scene, memory / batch)
+
+    def error_over(time, change=False):
+        """The function that gives errors of means with this least correlation time (s)."""
+        return balance.error if balance else error_of(scene, time / batch, change)
+
+    error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
     # Of one path, means hold for stores that remember more than a batch charged as in this run.
     longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
     remembered = [store.memory for store in stores if store.memory <= longest]
     slow = memory + 0.5 * max(remembered, default=0.0)
-    error_of_output = balance.error if balance else error_of(scene, slow / batch)
-    of_output, of_device = (
-        balance.error if balance else error_of(scene, time / batch, change=True)
-        for time in (slow, memory)
-    )
     estimates = estimate_all(balanced, system, error)
-    estimates |= estimate_output(balanced, error_of_output, of_output)
-    estimates |= device_storage(moments, balanced, system, of_device)
+    estimates |= estimate_output(balanced, error_over(slow), error_over(slow, change=True))
+    estimates |= device_storage(moments, balanced, system, error_over(memory, change=True))
     estimates |= estimate_strain(balanced, scene.excitation, error)
     square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
     step_error *= faintness(susceptance(ready) * square, power)
     path_error = math.hypot(step_error, spread)
-    estimates = _within(estimates, sum(m.points for m in moments))
+    estimates = _with_limited_samples(estimates, sum(m.points for m in moments))
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
     # A device holds about its mean X'² as kinetic and potential energy.
     held = estimates["mean_square_velocity"].estimate / scene.run.duration
@@ -207,7 +207,7 @@ def run_estimates(
     )
 
 
-def _within(estimates, points):
+def _with_limited_samples(estimates, points):
     """The estimates with no more effective samples than points that were computed."""
     return {
         name: replace(estimate, effective_sample_size=float(points))
@@ -305,9 +305,9 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
 def error_of(scene: Scene, memory: float = 0.0, change: bool = False) -> Callable:
     """The function that gives a mean's error from batches, chosen by excitation and starts.
 
-    `memory` is the least correlation time in batches, see `correlation_time`. `change` is true of
-    the rate at which a stored energy changes: over one path that is its energy at the end less the
-    one at the beginning, whatever happens between, and only the starts are drawn.
+    `memory` is the least correlation time in batches, see `correlation_time`. `change` is true for
+    the rate of change of a stored energy. Along one path that is the energy at the end less the
+    energy at the beginning, so that only drawn starts give it an error.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None

@@ -341,8 +341,8 @@ FAULTS = [
     Fault(
         "error bars: common noise adds up in a difference of efficiencies",
         PAIRED,
-        "error(parts[0] - parts[1])",
-        "error(parts[0] + parts[1])",
+        "error(shares[0] - shares[1])",
+        "error(shares[0] + shares[1])",
         (f"{OF_MEANS}::test_what_two_results_have_in_common_cancels_from_their_difference",),
     ),
     Fault(

@@ -21,6 +21,7 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value.
+
     Equation numbers are those of docs/explanation/beams.md.
     """
     values = lumped(beam)

@@ -45,9 +45,9 @@ MOST_TOGETHER = 64
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 
 
-def prepare(ready: Prepared) -> None:
+def prepare(prepared_scene: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s = ready.system
+    s = prepared_scene.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, position = BatchWorkspace.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
@@ -55,7 +55,7 @@ def prepare(ready: Prepared) -> None:
 
 
 def run_realizations(
-    ready: Prepared,
+    prepared_scene: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[list[Observer]],
@@ -67,9 +67,9 @@ def run_realizations(
 
     `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
     """
-    s = ready.system
-    fixed = steps_per_sample(ready, step, "monte-carlo")
-    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    s = prepared_scene.system
+    fixed = steps_per_sample(prepared_scene, step, "monte-carlo")
+    in_contact = steps_per_contact(prepared_scene, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
         moments = [
@@ -84,7 +84,7 @@ def run_realizations(
             if not isinstance(observer, Moments)
         ]
         chunks = integrate(
-            s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
+            s, paths[some], starts[some], stop_time(prepared_scene), fixed, scheme, in_contact,
             moments, any(getattr(observer, "reads_points", True) for _, observer in others),
         )  # fmt: skip
         for columns, points in chunks:

@@ -14,7 +14,7 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.paired import deviations, has_deviations
+from harvester.statistics.paired import WITH_DEVIATIONS, deviations
 from harvester.statistics.run_estimates import error_of
 from harvester.studies.answers import (
     answers_in_time,
@@ -120,7 +120,7 @@ class Objective:
         """Standard error of the difference of two answers on the same noise; inf if unknown."""
         if not self.noisy:
             return 0.0
-        if not has_deviations(self.quantity):
+        if self.quantity not in WITH_DEVIATIONS:
             errors = [a.in_units()[self.quantity].standard_error for a in (answer, other)]
             return math.inf if None in errors else math.hypot(*errors)
         series = [series_in_units(compared, self.quantity) for compared in (answer, other)]

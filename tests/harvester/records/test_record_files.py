@@ -175,7 +175,7 @@ def test_a_unit_behind_any_name_counts_for_the_column_that_the_scene_names(tmp_p
     refused(path, "did you mean ch2_g", column="ch3_g")
     heading = tmp_path / "heading.csv"
     heading.write_text("time [s],acc [g]\n")
-    refused(heading, "samples are to stand below the heading")
+    refused(heading, "write samples below the heading")
 
 
 def test_a_label_in_brackets_is_no_unit(tmp_path):

@@ -30,7 +30,7 @@ def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
         ((), {"stop": 1.0}, "no option stop .did you mean step"),
         ((), {"zzzz": 1.0}, "no option zzzz; there are method, step"),
         ((), {"seed": 3}, r"no option seed; it is a value of the scene: .*run\.seed"),
-        (("circuit",), {}, "'circuit' stands without its name: .* method="),
+        (("circuit",), {}, "'circuit' is given without its name: .* method="),
     ],
 )
 def test_other_options_are_refused_with_the_nearest(arguments, options, words):
@@ -65,7 +65,7 @@ def test_public_functions_take_a_scene_and_keywords(name):
         function("papr", *over)
     with pytest.raises(harvester.UnknownOption, match="no option engine"):
         function("paper", *over, engine="circuit")
-    with pytest.raises(harvester.UnknownOption, match="stands without its name"):
+    with pytest.raises(harvester.UnknownOption, match="is given without its name"):
         function("paper", *over, "circuit")
 
 

@@ -108,7 +108,7 @@ def test_the_refusal_of_an_assignment_names_replace():
     for name, table in tables.items():
         with pytest.raises(FrozenInstanceError, match=rf'scene\.replace\(\{{"{name}mass": 3'):
             table.mass = 3
-    with pytest.raises(FrozenInstanceError, match=r"scene\.replace\(\{'run\.seed': 3"):
+    with pytest.raises(FrozenInstanceError, match=r'scene\.replace\(\{"run\.seed": 3'):
         scene["run.seed"] = 3
 
 
