@@ -222,6 +222,6 @@ def exponent_of(scene: Scene, followed: np.ndarray, scale: np.ndarray) -> Diverg
     """The largest Lyapunov exponent from samples of `neighbours`, for PARTING_PERIODS periods."""
     states = followed[:, :, :STATE]
     pairs = states.reshape(2, PAIRS, *states.shape[1:]).swapaxes(0, 1)
-    if np.isnan(pairs).any():
+    if not np.isfinite(pairs).all():
         return None
     return divergence(pairs, scale, float(scene.excitation.period or 1.0))
