@@ -184,7 +184,7 @@ def identify(
     narrow = base
     if base.settled and not explained:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
-        base = base.with_covariance(base.covariance + moved)
+        base = replace(base, covariance=base.covariance + moved)
     models = [rivals.Rival("as given", base, explains=explained)]
 
     def report(name: str) -> None:

@@ -494,7 +494,7 @@ def _with_part(base, part, measurements, sizes, step):
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
         return Rival(part.name, None, remark="not tried: no step towards it lowers the residuals")
-    warm = replace(base, values=begun.values, fit=begun, shooting=shooting)
+    warm = replace(base, fit=begun, shooting=shooting)
     count = len(base.keys)
     values = dict(zip(part.keys, map(float, begun.values[count:]), strict=True))
     changes = {key: value for key, value in values.items() if not key.startswith("sensor.")}
