@@ -160,20 +160,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     changed = _changed(responses, suspected)
     if not changed:
         return []
-
-    def further(number: int, left: np.ndarray) -> np.ndarray:
-        columns = np.zeros((*left.shape, len(changed)))
-        for index, experiments in enumerate(changed.values()):
-            if number in experiments:
-                others = [*responses.experiments]
-                others[number] = experiments[number]
-                problem = shooting.beside(responses.replaced(others, responses.keys), unknowns)
-                moved, _ = problem.residuals_of(fit, number)
-                if moved is not None:
-                    columns[..., index] = (moved - left) / CHANGE
-        return columns
-
-    equations = normal_equations(shooting, fit, further)
+    equations = normal_equations(shooting, fit, list(changed.values()), CHANGE)
     p, units = len(unknowns), _units(unknowns, fit.values) / shooting.sizes
     result = []
     for index, ((key, _), experiments) in enumerate(changed.items()):

@@ -23,7 +23,7 @@ from harvester.identification.unknowns import unknowns
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
-    blocks_of,
+    block_means,
     mean_of,
     validated,
 )
@@ -211,7 +211,7 @@ def _compared(name, base, other):
     for mine, theirs in zip(base.records, other.records, strict=True):
         units = np.sqrt(np.mean(mine.residuals**2, axis=0))
         old, new = (
-            np.array([np.mean(part**2) for part in blocks_of(record.residuals / units)])
+            block_means(np.mean((record.residuals / units) ** 2, axis=1))
             for record in (mine, theirs)
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
@@ -448,29 +448,14 @@ def _further(base, parts, measurements, sizes, report):
 
 def _equations(shooting, fit, records):
     """Normal equations of all unknowns and some records' loads (ln R); None where it diverges."""
-
-    def of_loads(number: int, left: np.ndarray) -> np.ndarray:
-        columns = np.zeros((*left.shape, len(records)))
-        if number in records:
-            other = _with_load_of(shooting, number, math.exp(LOAD_STEP))
-            moved, _ = other.residuals_of(fit, number)
-            if moved is not None:
-                columns[..., records.index(number)] = (moved - left) / LOAD_STEP
-        return columns
-
     if not math.isfinite(shooting.cost(fit)):
         return None
-    return normal_equations(shooting, fit, of_loads if records else None)
-
-
-def _with_load_of(shooting, number, factor):
-    """The problem with one record's load times a factor."""
-    experiments = list(shooting.responses.experiments)
-    scene = experiments[number].scene
-    load = {LOAD: factor * numbers(scene)[LOAD][0]}
-    experiments[number] = replace(experiments[number], scene=scene.replace(load))
-    responses = shooting.responses.replaced(experiments, shooting.responses.keys)
-    return shooting.beside(responses, shooting.unknowns)
+    changed = []
+    for number in records:
+        experiment = shooting.responses.experiments[number]
+        load = {LOAD: math.exp(LOAD_STEP) * numbers(experiment.scene)[LOAD][0]}
+        changed.append({number: replace(experiment, scene=experiment.scene.replace(load))})
+    return normal_equations(shooting, fit, changed, LOAD_STEP)
 
 
 def _promised(equations, places):
@@ -593,7 +578,7 @@ def _without_mean(measurements, name):
         values = record.sensed.get(name)
         if values is None or key in record.sensors:
             return
-        mean = mean_of(np.array([float(np.mean(part)) for part in blocks_of(values)]))
+        mean = mean_of(block_means(values))
         errors = OFFSET_ERRORS * (mean.standard_error or 0.0)
         if abs(mean.estimate) > max(errors, LEAST_OFFSET * float(np.std(values))):
             largest = max(largest, mean.estimate, key=abs)

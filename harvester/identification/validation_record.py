@@ -165,7 +165,9 @@ class ValidationRecord:
         Predicted in windows, along the measured path. Errors are those of means of blocks; that of
         the difference of paired blocks.
         """
-        measured, predicted = self._blocks(self.measured), self._blocks(self.windowed)
+        measured, predicted = (
+            block_means(self._compared_values(values)) for values in (self.measured, self.windowed)
+        )
         difference = (predicted - measured) / float(np.mean(measured))
         return mean_of(measured), mean_of(predicted), mean_of(difference)
 
@@ -180,17 +182,17 @@ class ValidationRecord:
         """Share of the mean square of measured values that the model explains."""
         left = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
         seen = np.sum(measured**2, axis=1)
-        means = [float(np.mean(part)) for part in blocks_of(seen - left)]
-        return mean_of(np.array(means) / float(np.mean(seen)))
+        return mean_of(block_means(seen - left) / float(np.mean(seen)))
 
     def free_power(self) -> Estimate:
         """Mean power (or square) of a run from one start, which may part from the measured path."""
-        return mean_of(self._blocks(self.free))
+        return mean_of(block_means(self._compared_values(self.free)))
 
-    def _blocks(self, values):
+    def _compared_values(self, values):
+        """Power (or square of an output) at the samples."""
         column = self.outputs.index("voltage") if "voltage" in self.outputs else 0
         factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, column])])
+        return factor * values[:, column] ** 2
 
     def whiteness(self, output: int = 0) -> Whiteness:
         """Autocorrelation of the residuals over a period of the motion."""
@@ -253,9 +255,8 @@ class ResponseRecord(ValidationRecord):
         """Share of the response's square that the model explains, both parts together."""
         return self._explained(self.measured, len(self.outputs))
 
-    def _blocks(self, values):
-        squares = np.sum(values**2, axis=1)
-        return np.array([float(np.mean(part)) for part in blocks_of(squares)])
+    def _compared_values(self, values):
+        return np.sum(values**2, axis=1)
 
     def judged(self) -> ResponseRecord:
         """The record with what is left of it."""
@@ -282,9 +283,8 @@ class ImpedanceRecord(ResponseRecord):
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
 
-    def _blocks(self, values):
-        sizes = np.exp(values[:, 0])
-        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
+    def _compared_values(self, values):
+        return np.exp(values[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -389,9 +389,9 @@ def _text(value, unit):
     return with_error(replace(value, standard_error=HALF_INTERVAL * value.standard_error), unit)
 
 
-def blocks_of(values: np.ndarray) -> list[np.ndarray]:
-    """A series in the blocks whose means give an error bar."""
-    return np.array_split(values, min(BLOCKS, values.size))
+def block_means(values: np.ndarray) -> np.ndarray:
+    """Means of a series in the blocks whose scatter gives an error bar, shape (blocks,)."""
+    return np.array([np.mean(part) for part in np.array_split(values, min(BLOCKS, values.size))])
 
 
 def mean_of(values: np.ndarray) -> Estimate:
@@ -402,7 +402,7 @@ def mean_of(values: np.ndarray) -> Estimate:
 
 def root_mean_square(values: np.ndarray) -> Estimate:
     """rms of the first of several series (samples, outputs), with the error of its blocks."""
-    square = mean_of(np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])]))
+    square = mean_of(block_means(values[:, 0] ** 2))
     rms = math.sqrt(square.estimate)
     error = square.standard_error / (2.0 * rms) if rms and square.standard_error else 0.0
     return replace(square, estimate=rms, standard_error=error)
@@ -539,7 +539,7 @@ def _whiteness(residuals, per_period):
     series = np.fft.irfft(spectrum)[: lags + 1]
     correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
-    return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
+    return Whiteness(correlations, HALF_INTERVAL / math.sqrt(n), float(chi2.sf(statistic, lags)))
 
 
 def validated(fitted: Fitted) -> list[ValidationRecord]:
