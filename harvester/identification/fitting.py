@@ -44,6 +44,8 @@ from harvester.identification.search import (
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
+    FORCE,
+    MASS,
     ORIGIN,
     first_sizes,
     sizes_of,
@@ -163,7 +165,6 @@ GRID: Any = (
     (("coupling",), (0.3, 1.0, 3.0)),
 )
 MOST_STARTS = 4
-MASS = "oscillator.mass"
 # These values are proportional to the mass if the motion stays the same.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
 # Relative noise of an impedance that the first fit assumes.
@@ -171,7 +172,6 @@ FIRST_IMPEDANCE_NOISE = 0.005
 # Number of fits to records of several kinds; each weights the residuals by the noise that the
 # previous fit left.
 WEIGHTINGS = 3
-FORCE = "oscillator.restoring_force[{}]"
 ORIGIN_ITERATIONS = 6
 
 

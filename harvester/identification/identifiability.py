@@ -17,7 +17,7 @@ import numpy as np
 
 from harvester.identification.intervals import HALF_INTERVAL, normal_equations
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ SEPARABLE = 0.01
 DEPENDENT = 0.05
 # Relative change of a known value for the difference quotients.
 CHANGE = 1e-5
-MASS, LOAD = "oscillator.mass", "load.resistance"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.rivals import Rival, proposed
-from harvester.identification.unknowns import BASE_FACTOR
+from harvester.identification.unknowns import BASE_FACTOR, MASS
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ResponseRecord,
@@ -239,7 +239,7 @@ class Identification(ResultBase):
         """What is to be done, what is not determined, and what supports the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
-            lines += self.impedance.findings("oscillator.mass" in self.keys)
+            lines += self.impedance.findings(MASS in self.keys)
         lines += [
             f"{record.name}: {remark}"
             for record in self.measurements

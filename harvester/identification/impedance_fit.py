@@ -20,6 +20,7 @@ from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
 from harvester.identification.intervals import HALF_INTERVAL, correlation_factor, interval
 from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.unknowns import MASS
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
@@ -243,8 +244,7 @@ def _polished(frequency, impedance, begun, noise):
 
     def residuals(parameters):
         admittance = _branches(frequency, np.clip(parameters, -clamp, clamp)).sum(axis=1)
-        off = -np.log(admittance * impedance)
-        return np.concatenate([off.real, off.imag]) * weights
+        return _stacked(-np.log(admittance * impedance)) * weights
 
     def slopes(parameters):
         return _stacked(_slopes(frequency, np.clip(parameters, -clamp, clamp))) * weights[:, None]
@@ -398,7 +398,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     _check_capacitance(scene, branch["capacitance"], measured.name)
     check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
-    mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
+    mass, spring_key = numbers(scene)[MASS][0], _spring_key(scene)
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
     clamped, stiffness = branch["capacitance"], mass * rate**2
     begun = numbers(scene)[spring_key][0]

@@ -32,9 +32,8 @@ from harvester.identification.validation_record import HALF_INTERVAL, base_noise
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Probability of an interval, and the most by which leaving out one record may move a value, in
-# sizes of the value.
-HELD, MOST_MOVED = 0.95, 10.0
+# Most by which leaving out one record may move a value, in sizes of the value.
+MOST_MOVED = 10.0
 # Eigenvalues below this share of the largest are rounding of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
 # Number of blocks of a record; their sums of Jᵀ r are taken as independent.
@@ -55,6 +54,13 @@ SURE_OF_SHARE = 2.0
 def interval(value: float, standard_error: float) -> tuple[float, float]:
     """95 % interval of a normal estimate."""
     return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
+
+
+def student_factor(freedom: int) -> float:
+    """Half of Student's 95 % interval over a normal one's, at these degrees of freedom."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, freedom)) / HALF_INTERVAL
 
 
 @dataclass(frozen=True)
@@ -194,8 +200,6 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     ndarray, shape (unknowns, unknowns)
         In the scene's units squared.
     """
-    from scipy.stats import t
-
     p = len(shooting.unknowns)
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
@@ -204,8 +208,7 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
-    student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
-    return student**2 * (records - 1) / records * moves.T @ moves
+    return student_factor(records - 1) ** 2 * (records - 1) / records * moves.T @ moves
 
 
 def correlation_factor(residuals: np.ndarray) -> float:

@@ -22,14 +22,14 @@ import numpy as np
 
 from harvester.device import contact, timescales
 from harvester.device.system import potential
-from harvester.identification.intervals import HELD
+from harvester.identification.intervals import student_factor
 from harvester.identification.own_values import own_values
 from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
+from harvester.identification.unknowns import LOAD
 from harvester.identification.validation_record import (
-    HALF_INTERVAL,
     Unexplained,
     WholeRecord,
     predicted,
@@ -151,9 +151,9 @@ def visited(fitted: Fitted) -> Visited | None:
     system, scales = responses.known_device(0, fitted.values)
     si = fitted.scene.units == "SI"
     loads = {
-        float(numbers(experiment.scene)["load.resistance"][0])
+        float(numbers(experiment.scene)[LOAD][0])
         for experiment in experiments
-        if "load.resistance" in numbers(experiment.scene)
+        if LOAD in numbers(experiment.scene)
     }
     ranges = tuple(displacement)
     spring: tuple[str, ...] = ()
@@ -286,12 +286,10 @@ def _model_error(records, missed):
     model, a share of the rms, so twice that share of the power. Of so few records the interval is
     Student's.
     """
-    from scipy.stats import t
-
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
     error = math.sqrt(np.mean(np.square(off)) + np.mean(np.square(2.0 * np.array(missed))))
-    return error * float(t.ppf(0.5 + 0.5 * HELD, len(off))) / HALF_INTERVAL
+    return error * student_factor(len(off))
 
 
 def _of_record(fitted, measurement, visited, values, model_error, limit):

@@ -19,7 +19,7 @@ from harvester.base.errors import HarvesterError
 from harvester.identification.fitting import NOTED, Fitted, fitted
 from harvester.identification.intervals import normal_equations
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.unknowns import unknowns
+from harvester.identification.unknowns import FORCE, LOAD, unknowns
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
@@ -36,11 +36,10 @@ if TYPE_CHECKING:
 # A trial pair of stoppers begins at this share of the greatest displacement, with this share of the
 # stiffness that counts as one (`sizes_of`).
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
-FORCE = "oscillator.restoring_force[{}]"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # Share of a size that is too little to change the motion.
 LITTLE = 1e-6
-DRAG, LOAD = "oscillator.quadratic_damping", "load.resistance"
+DRAG = "oscillator.quadratic_damping"
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
