@@ -27,7 +27,7 @@ import numpy as np
 
 from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
-from harvester.identification.validation_record import HALF_INTERVAL, base_noise
+from harvester.identification.validation_record import HALF_INTERVAL, drawn_base_noise
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
@@ -42,9 +42,6 @@ BLOCKS = 12
 SEGMENTS = 12
 # Number of drawn noise records of each experiment: a variance from them is known to a third.
 DRAWS = 16
-# Smallest noise that is drawn, as a share of the base's rms: a record without noise still has a
-# direction in which noise would act.
-LEAST_BASE_NOISE = 1e-6
 # Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
 WHITTLE_STEPS = 5
 # Standard errors by which residuals exclude the noise that the base's own record shows.
@@ -291,7 +288,7 @@ def covariance_of_scores(
         return np.zeros((columns.shape[-1], columns.shape[-1]))
     random, (samples, outputs) = np.random.default_rng(0), left.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
-    drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
+    drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)
     for output in range(outputs):
         drawn[:, output, 1 + output] = random.standard_normal((samples, DRAWS))
     cuts = fit.edges[number] - fit.edges[number][0]
@@ -303,18 +300,6 @@ def covariance_of_scores(
     of_draws = scores[:, :DRAWS]
     from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
-
-
-def _drawn_base(shooting, fit, number, random):
-    """Weighted residuals from drawn noise of the base's sensor, shape (samples, outputs, draws)."""
-    measurement = shooting.responses.experiments[number].measurement
-    base, rate = measurement.acceleration, measurement.sampling_rate
-    size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
-    noise = size * random.standard_normal((base.size, DRAWS))
-    residuals = shooting.responses.moved_by_noise(
-        number, noise, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return residuals / fit.noise[number][:, None]
 
 
 def _sizes(left, drawn):

@@ -38,9 +38,10 @@ BLOCKS = 12
 # A record's noise is taken from this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# Largest noise of the base's sensor, as a share of the base's rms: a higher floor is motion up to
-# half the sampling rate.
-MOST_BASE_NOISE = 0.05
+# Smallest and largest noise of the base's sensor, as shares of the base's rms: a record without
+# noise still has a direction in which noise would act; a higher floor is motion up to half the
+# sampling rate.
+LEAST_BASE_NOISE, MOST_BASE_NOISE = 1e-6, 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
 # Longest lag of the autocorrelation, in periods of the motion.
@@ -499,9 +500,22 @@ def noise_floor(values: np.ndarray, rate: float) -> float:
     return math.sqrt(floor * 0.5 * rate)
 
 
-def base_noise(acceleration: np.ndarray, rate: float) -> float:
-    """rms noise of the base's sensor, from the floor of its spectrum, at a rate in Hz."""
-    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
+def drawn_base_noise(
+    shooting: Shooting, fit: ShootingFit, number: int, random: np.random.Generator, draws: int
+) -> np.ndarray:
+    """Weighted residuals from noise of the base's sensor, shape (samples, outputs, draws).
+
+    The noise is as large as the floor of the record's spectrum.
+    """
+    measurement = shooting.responses.experiments[number].measurement
+    base, rms = measurement.acceleration, float(np.std(measurement.acceleration))
+    floor = noise_floor(base, measurement.sampling_rate)
+    size = float(np.clip(floor, LEAST_BASE_NOISE * rms, MOST_BASE_NOISE * rms))
+    noise = size * random.standard_normal((base.size, draws))
+    changes = shooting.responses.moved_by_noise(
+        number, noise, fit.values, fit.edges[number], fit.starts[number]
+    )
+    return changes / fit.noise[number][:, None]
 
 
 @dataclass(frozen=True)
@@ -560,7 +574,7 @@ def _unexplained(fitted, number):
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
     measured, table = shooting.seen(number, edges), shooting.jacobian(fit, number)[0]
     left, starts = table[..., -1], table[..., :-1]
-    drawn = without_states(_drawn(shooting, fit, number, measured) / noise[:, None], starts, cuts)
+    drawn = without_states(_drawn(shooting, fit, number, measured), starts, cuts)
     simulated = left * noise + measured
     for output, name in enumerate(measurement.outputs):
         columns = _signals(measurement, inside, simulated[:, output])
@@ -581,14 +595,11 @@ def _unexplained(fitted, number):
 
 
 def _drawn(shooting, fit, number, measured):
-    """Simulated residuals of a right model, shape (samples, outputs, draws)."""
-    measurement = shooting.responses.experiments[number].measurement
+    """Simulated weighted residuals of a right model, shape (samples, outputs, draws)."""
+    rate = shooting.responses.experiments[number].measurement.sampling_rate
     random = np.random.default_rng(0)
-    rate, base = measurement.sampling_rate, measurement.acceleration
-    floors = np.array([noise_floor(series, rate) for series in measured.T])
-    shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
-    edges, starts = fit.edges[number], fit.starts[number]
-    drawn = shooting.responses.moved_by_noise(number, shaken, fit.values, edges, starts)
+    drawn = drawn_base_noise(shooting, fit, number, random, DRAWS)
+    floors = np.array([noise_floor(series, rate) for series in measured.T]) / fit.noise[number]
     return drawn + floors[:, None] * random.standard_normal(drawn.shape)
 
 
