@@ -321,7 +321,11 @@ class Identification(ResultBase):
                         "standard_error": rival.error,
                         "leaves_only_noise": rival.explains,
                         "remark": rival.remark,
-                        **_values(rival.fitted),
+                        **{
+                            name: getattr(rival.fitted, name)
+                            for name in ("keys", "values", "nrmse")
+                            if rival.fitted
+                        },
                     }
                     for rival in self.rivals
                 ],
@@ -389,12 +393,6 @@ def _condition(known):
 
 def _counted(count, noun):
     return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
-def _values(fitted):
-    if fitted is None:
-        return {}
-    return {"keys": fitted.keys, "values": fitted.values, "nrmse": fitted.nrmse}
 
 
 def _record(record):

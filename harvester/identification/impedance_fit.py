@@ -197,6 +197,7 @@ def _linear(frequency, impedance, shapes):
 
 
 def _unit_branch(frequency, resonance, quality):
+    """Admittance of a mode over its motional capacitance."""
     ratio = frequency / resonance
     return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 

@@ -251,9 +251,7 @@ def _of_the_best(models):
 
 
 def _coefficients(scene):
-    """Coefficients of the spring; none where it is a table."""
-    if scene.oscillator.force_table is not None:
-        return []
+    """Coefficients of the spring; none of a table."""
     return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
