@@ -297,8 +297,11 @@ class WholeRecord(ValidationRecord):
     outside : str
         Why the prediction is not claimed; empty where it is: one orbit for all likely values,
         within what the fitted records visited.
+    left : float
+        rms of the first output's residuals in windows, beyond noise, as a share of its standard
+        deviation.
     limit : float
-        Most that may be left in windows of a record of the fitted device, as a share of its rms.
+        Largest `left` of a record of the fitted device.
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
     rms_unit : str
@@ -310,6 +313,7 @@ class WholeRecord(ValidationRecord):
     """
 
     outside: str
+    left: float
     limit: float
     measured_orbit: str
     predicted_orbit: str
@@ -325,11 +329,6 @@ class WholeRecord(ValidationRecord):
     def claimed(self) -> bool:
         """Whether the model claims this record."""
         return not self.outside
-
-    @property
-    def left(self) -> float:
-        """Of the first output in windows, beyond noise, as a share of its standard deviation."""
-        return self.unexplained[0].beyond
 
     @property
     def follows(self) -> bool:
