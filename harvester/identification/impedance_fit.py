@@ -281,7 +281,7 @@ def _concluded(frequency, impedance, parameters):
     return ButterworthVanDyke(parameters, covariance, noise)
 
 
-def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
+def _check_width(frequency, circuit, mode, where):
     """Raise IdentificationError if too few points lie over a resonance."""
     branch = circuit.numbers(mode)
     resonance = branch["series_resonance"]
@@ -397,7 +397,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
     branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
     _check_capacitance(scene, branch["capacitance"], measured.name)
-    check_width(measured.frequency[lines], circuit, mode, measured.name)
+    _check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)[MASS][0], _spring_key(scene)
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]

@@ -149,7 +149,7 @@ def normal_equations(
         free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
         scores = np.einsum("noi,no->ni", columns, left)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        noise = covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
+        noise = _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
         fitted_away = left.shape[0] / max(free, 1)
         meats.append(
             (
@@ -260,29 +260,12 @@ def _inverse(normal):
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
 
-def covariance_of_scores(
-    shooting: Shooting,
-    fit: ShootingFit,
-    number: int,
-    states: np.ndarray,
-    left: np.ndarray,
-    columns: np.ndarray,
-    inverse: np.ndarray,
-) -> np.ndarray:
-    """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
+def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse):
+    """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
-    Zero without a base whose motion was recorded.
-
-    Parameters
-    ----------
-    states : ndarray, shape (samples, outputs, 3)
-        Derivatives of the residuals by the windows' starts.
-    left : ndarray, shape (samples, outputs)
-        Residuals.
-    columns : ndarray, shape (samples, outputs, columns)
-        Derivatives by the values, without what the windows' starts explain.
-    inverse : ndarray, shape (columns, columns)
-        Inverse of the normal matrix of all experiments.
+    Zero without a base whose motion was recorded. `states` are the residuals' derivatives by the
+    windows' starts, `left` the residuals; `columns` are the derivatives by the values, without what
+    the windows' starts explain; `inverse` is that of the normal matrix of all experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
