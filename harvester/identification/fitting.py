@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.identifiability import undetermined
+from harvester.identification.identifiability import Undetermined, undetermined
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.measurement import frequencies
@@ -43,6 +44,8 @@ from harvester.identification.search import (
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
+    FORCE,
+    MASS,
     ORIGIN,
     first_sizes,
     sizes_of,
@@ -72,64 +75,38 @@ class Fitted:
     ----------
     scene : Scene
         The scene with the fitted values.
-    values : ndarray, shape (unknowns,)
+    shooting : Shooting
+        The least-squares problem.
+    fit : ShootingFit
+        Its solution.
     covariance : ndarray, shape (unknowns, unknowns)
     records : list of ValidationRecord
         The kept-aside part of each record.
-    interpolation : str
-        Interpolation of the acceleration between its samples.
     settled : ShootingFit or None
         Windows of the parts kept aside, of records in time.
     """
 
     scene: Scene
-    values: np.ndarray
-    covariance: np.ndarray
-    undetermined: list
-    records: list[ValidationRecord]
-    interpolation: str
     shooting: Shooting
     fit: ShootingFit
+    covariance: np.ndarray
+    records: list[ValidationRecord]
     settled: ShootingFit | None = None
 
-    @classmethod
-    def concluded(
-        cls,
-        scene: Scene,
-        shooting: Shooting,
-        fit: ShootingFit,
-        covariance: np.ndarray,
-        records: list[ValidationRecord],
-        settled: ShootingFit | None = None,
-    ) -> Fitted:
-        """The model at the end of a fit; `scene` is the scene that the fit began with.
+    @property
+    def values(self) -> np.ndarray:
+        """The values, shape (unknowns,)."""
+        return self.fit.values
 
-        Raises
-        ------
-        IdentificationError
-            No device has these values.
-        """
-        keys = [unknown.key for unknown in shooting.unknowns]
-        fitted_scene = with_values(scene, keys, fit.values)
-        if fitted_scene is None:
-            raise IdentificationError(
-                f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
-                "units and signs, free fewer (--free), or begin nearer (--set)"
-            )
-        path = shooting.responses.interpolation
-        base = fitted_scene.excitation
-        if isinstance(base, RecordedMotion) and base.knot_spacing is None:
-            # Later simulations under this record then interpolate it as the fit did.
-            fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
-        unclear = undetermined(shooting.unknowns, fit.values, covariance)
-        return cls(
-            fitted_scene, fit.values, covariance, unclear, records, path, shooting, fit, settled
-        )
+    @property
+    def interpolation(self) -> str:
+        """Interpolation of the acceleration between its samples."""
+        return self.shooting.responses.interpolation
 
-    def with_covariance(self, covariance: np.ndarray) -> Fitted:
-        """The same model with another covariance, which gives wider intervals."""
-        unclear = undetermined(self.shooting.unknowns, self.values, covariance)
-        return replace(self, covariance=covariance, undetermined=unclear)
+    @cached_property
+    def undetermined(self) -> list[Undetermined]:
+        """Combinations of values that the records leave open."""
+        return undetermined(self.shooting.unknowns, self.values, self.covariance)
 
     @property
     def leaves_noise(self) -> bool:
@@ -188,7 +165,6 @@ GRID: Any = (
     (("coupling",), (0.3, 1.0, 3.0)),
 )
 MOST_STARTS = 4
-MASS = "oscillator.mass"
 # These values are proportional to the mass if the motion stays the same.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
 # Relative noise of an impedance that the first fit assumes.
@@ -196,7 +172,6 @@ FIRST_IMPEDANCE_NOISE = 0.005
 # Number of fits to records of several kinds; each weights the residuals by the noise that the
 # previous fit left.
 WEIGHTINGS = 3
-FORCE = "oscillator.restoring_force[{}]"
 ORIGIN_ITERATIONS = 6
 
 
@@ -312,7 +287,23 @@ def fitted(
         records, settled = predicted(alone, windows, spans)
     kept = responses_of(scene, [r.part(r.aside) for r in lines], keys, length, FINE_STEPS)
     records += [predicted_lines(kept, fit.values, number) for number in range(len(lines))]
-    return Fitted.concluded(scene, shooting, fit, covariance, records, settled)
+    return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
+
+
+def _with_fit(scene, shooting, fit):
+    """The scene with a fit's values; IdentificationError if no device has these values."""
+    fitted_scene = with_values(scene, shooting.responses.keys, fit.values)
+    if fitted_scene is None:
+        raise IdentificationError(
+            f"{scene.name}: the scene refuses the best-fitting values: check the columns' units "
+            "and signs, free fewer (--free), or begin nearer (--set)"
+        )
+    base = fitted_scene.excitation
+    if isinstance(base, RecordedMotion) and base.knot_spacing is None:
+        # Later simulations under this record then interpolate it as the fit did.
+        path = shooting.responses.interpolation
+        fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
+    return fitted_scene
 
 
 def _in_time(scene, times, coarse, fine, free, warm, follow):

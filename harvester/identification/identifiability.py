@@ -17,7 +17,7 @@ import numpy as np
 
 from harvester.identification.intervals import HALF_INTERVAL, normal_equations
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ SEPARABLE = 0.01
 DEPENDENT = 0.05
 # Relative change of a known value for the difference quotients.
 CHANGE = 1e-5
-MASS, LOAD = "oscillator.mass", "load.resistance"
 
 
 @dataclass(frozen=True)
@@ -160,20 +159,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     changed = _changed(responses, suspected)
     if not changed:
         return []
-
-    def further(number: int, left: np.ndarray) -> np.ndarray:
-        columns = np.zeros((*left.shape, len(changed)))
-        for index, experiments in enumerate(changed.values()):
-            if number in experiments:
-                others = [*responses.experiments]
-                others[number] = experiments[number]
-                problem = shooting.beside(responses.replaced(others, responses.keys), unknowns)
-                moved, _ = problem.residuals_of(fit, number)
-                if moved is not None:
-                    columns[..., index] = (moved - left) / CHANGE
-        return columns
-
-    equations = normal_equations(shooting, fit, further)
+    equations = normal_equations(shooting, fit, list(changed.values()), CHANGE)
     p, units = len(unknowns), _units(unknowns, fit.values) / shooting.sizes
     result = []
     for index, ((key, _), experiments) in enumerate(changed.items()):

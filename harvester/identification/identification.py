@@ -17,7 +17,7 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.rivals import Rival, proposed
-from harvester.identification.unknowns import BASE_FACTOR
+from harvester.identification.unknowns import BASE_FACTOR, MASS
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ResponseRecord,
@@ -239,7 +239,7 @@ class Identification(ResultBase):
         """What is to be done, what is not determined, and what supports the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
-            lines += self.impedance.findings("oscillator.mass" in self.keys)
+            lines += self.impedance.findings(MASS in self.keys)
         lines += [
             f"{record.name}: {remark}"
             for record in self.measurements
@@ -321,7 +321,11 @@ class Identification(ResultBase):
                         "standard_error": rival.error,
                         "leaves_only_noise": rival.explains,
                         "remark": rival.remark,
-                        **_values(rival.fitted),
+                        **{
+                            name: getattr(rival.fitted, name)
+                            for name in ("keys", "values", "nrmse")
+                            if rival.fitted
+                        },
                     }
                     for rival in self.rivals
                 ],
@@ -389,12 +393,6 @@ def _condition(known):
 
 def _counted(count, noun):
     return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
-def _values(fitted):
-    if fitted is None:
-        return {}
-    return {"keys": fitted.keys, "values": fitted.values, "nrmse": fitted.nrmse}
 
 
 def _record(record):

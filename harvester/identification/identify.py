@@ -26,7 +26,6 @@ Records = Annotated[Any, replace(_FILE, option="record", join=records_of)]
 KeptRecords = Annotated[Any, replace(_FILE, option="keep-aside", join=records_of)]
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", read=list, join=together, words=True)]
 Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
-MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Share of the work left to rivals that each of them takes.
@@ -115,7 +114,7 @@ def identify(
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside, visited
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
-    from harvester.identification.unknowns import checked_keys, default_keys
+    from harvester.identification.unknowns import MASS, checked_keys, default_keys
     from harvester.identification.validation_record import validated
     from harvester.identification.verdict import FitEvidence
 
@@ -184,7 +183,7 @@ def identify(
     narrow = base
     if base.settled and not explained:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
-        base = base.with_covariance(base.covariance + moved)
+        base = replace(base, covariance=base.covariance + moved)
     models = [rivals.Rival("as given", base, explains=explained)]
 
     def report(name: str) -> None:

@@ -20,6 +20,7 @@ from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
 from harvester.identification.intervals import HALF_INTERVAL, correlation_factor, interval
 from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.unknowns import MASS
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
@@ -196,6 +197,7 @@ def _linear(frequency, impedance, shapes):
 
 
 def _unit_branch(frequency, resonance, quality):
+    """Admittance of a mode over its motional capacitance."""
     ratio = frequency / resonance
     return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
@@ -243,8 +245,7 @@ def _polished(frequency, impedance, begun, noise):
 
     def residuals(parameters):
         admittance = _branches(frequency, np.clip(parameters, -clamp, clamp)).sum(axis=1)
-        off = -np.log(admittance * impedance)
-        return np.concatenate([off.real, off.imag]) * weights
+        return _stacked(-np.log(admittance * impedance)) * weights
 
     def slopes(parameters):
         return _stacked(_slopes(frequency, np.clip(parameters, -clamp, clamp))) * weights[:, None]
@@ -280,7 +281,7 @@ def _concluded(frequency, impedance, parameters):
     return ButterworthVanDyke(parameters, covariance, noise)
 
 
-def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
+def _check_width(frequency, circuit, mode, where):
     """Raise IdentificationError if too few points lie over a resonance."""
     branch = circuit.numbers(mode)
     resonance = branch["series_resonance"]
@@ -396,9 +397,9 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
     branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
     _check_capacitance(scene, branch["capacitance"], measured.name)
-    check_width(measured.frequency[lines], circuit, mode, measured.name)
+    _check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
-    mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
+    mass, spring_key = numbers(scene)[MASS][0], _spring_key(scene)
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
     clamped, stiffness = branch["capacitance"], mass * rate**2
     begun = numbers(scene)[spring_key][0]

@@ -19,22 +19,21 @@ band.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
-from harvester.identification.validation_record import HALF_INTERVAL, base_noise
+from harvester.identification.validation_record import HALF_INTERVAL, drawn_base_noise
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Probability of an interval, and the most by which leaving out one record may move a value, in
-# sizes of the value.
-HELD, MOST_MOVED = 0.95, 10.0
+# Most by which leaving out one record may move a value, in sizes of the value.
+MOST_MOVED = 10.0
 # Eigenvalues below this share of the largest are rounding of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
 # Number of blocks of a record; their sums of Jᵀ r are taken as independent.
@@ -43,9 +42,6 @@ BLOCKS = 12
 SEGMENTS = 12
 # Number of drawn noise records of each experiment: a variance from them is known to a third.
 DRAWS = 16
-# Smallest noise that is drawn, as a share of the base's rms: a record without noise still has a
-# direction in which noise would act.
-LEAST_BASE_NOISE = 1e-6
 # Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
 WHITTLE_STEPS = 5
 # Standard errors by which residuals exclude the noise that the base's own record shows.
@@ -55,6 +51,13 @@ SURE_OF_SHARE = 2.0
 def interval(value: float, standard_error: float) -> tuple[float, float]:
     """95 % interval of a normal estimate."""
     return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
+
+
+def student_factor(freedom: int) -> float:
+    """Half of Student's 95 % interval over a normal one's, at these degrees of freedom."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, freedom)) / HALF_INTERVAL
 
 
 @dataclass(frozen=True)
@@ -108,29 +111,32 @@ def _ridge(normal):
 def normal_equations(
     shooting: Shooting,
     fit: ShootingFit,
-    further: Callable[[int, np.ndarray], np.ndarray] | None = None,
+    changed: Sequence[Mapping[int, Any]] = (),
+    change: float = 1.0,
 ) -> NormalEquations:
     """Sums of a fit's Jacobian, in sizes of the unknowns.
 
     Parameters
     ----------
-    further : callable, optional
-        Function of an experiment's number and residuals that returns further columns, shape
-        (samples, outputs, more).
+    changed : sequence of dict of int to experiment
+        For each value that the fit takes as known, and that adds a column: the experiments with
+        the value changed, by their numbers.
+    change : float
+        Relative change of these values.
     """
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
         states, left = table[..., p : p + 3], table[..., -1]
-        effects = table[..., :p]
-        if further:
-            effects = np.concatenate([effects, further(number, left)], axis=-1)
+        moved = [_residual_change(shooting, fit, number, left, known) for known in changed]
+        further = [values[..., None] / change for values in moved]
+        effects = np.concatenate([table[..., :p], *further], axis=-1)
         parts.append((without_states(effects, states, edges - edges[0]), states, left))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
     inverse = _inverse(normal + _ridge(normal))
     # Residuals that an error of a known value has caused are no noise.
-    step = -inverse @ gradient if further else 0.0 * gradient
+    step = -inverse @ gradient if changed else 0.0 * gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
@@ -143,7 +149,7 @@ def normal_equations(
         free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
         scores = np.einsum("noi,no->ni", columns, left)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        noise = covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
+        noise = _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
         fitted_away = left.shape[0] / max(free, 1)
         meats.append(
             (
@@ -153,6 +159,17 @@ def normal_equations(
             )
         )
     return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
+
+
+def _residual_change(shooting, fit, number, left, changed):
+    """Change of an experiment's residuals with another value of what is taken as known."""
+    if number not in changed:
+        return 0.0 * left
+    responses, experiments = shooting.responses, list(shooting.responses.experiments)
+    experiments[number] = changed[number]
+    problem = shooting.beside(responses.replaced(experiments, responses.keys), shooting.unknowns)
+    moved, _ = problem.residuals_of(fit, number)
+    return 0.0 * left if moved is None else moved - left
 
 
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
@@ -180,8 +197,6 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     ndarray, shape (unknowns, unknowns)
         In the scene's units squared.
     """
-    from scipy.stats import t
-
     p = len(shooting.unknowns)
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
@@ -190,8 +205,7 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
-    student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
-    return student**2 * (records - 1) / records * moves.T @ moves
+    return student_factor(records - 1) ** 2 * (records - 1) / records * moves.T @ moves
 
 
 def correlation_factor(residuals: np.ndarray) -> float:
@@ -246,35 +260,18 @@ def _inverse(normal):
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
 
-def covariance_of_scores(
-    shooting: Shooting,
-    fit: ShootingFit,
-    number: int,
-    states: np.ndarray,
-    left: np.ndarray,
-    columns: np.ndarray,
-    inverse: np.ndarray,
-) -> np.ndarray:
-    """Covariance of one experiment's scores, shape (columns, columns), in the fit's weights.
+def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse):
+    """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
-    Zero without a base whose motion was recorded.
-
-    Parameters
-    ----------
-    states : ndarray, shape (samples, outputs, 3)
-        Derivatives of the residuals by the windows' starts.
-    left : ndarray, shape (samples, outputs)
-        Residuals.
-    columns : ndarray, shape (samples, outputs, columns)
-        Derivatives by the values, without what the windows' starts explain.
-    inverse : ndarray, shape (columns, columns)
-        Inverse of the normal matrix of all experiments.
+    Zero without a base whose motion was recorded. `states` are the residuals' derivatives by the
+    windows' starts, `left` the residuals; `columns` are the derivatives by the values, without what
+    the windows' starts explain; `inverse` is that of the normal matrix of all experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
     random, (samples, outputs) = np.random.default_rng(0), left.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
-    drawn[:, :, 0] = _drawn_base(shooting, fit, number, random)
+    drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)
     for output in range(outputs):
         drawn[:, output, 1 + output] = random.standard_normal((samples, DRAWS))
     cuts = fit.edges[number] - fit.edges[number][0]
@@ -286,18 +283,6 @@ def covariance_of_scores(
     of_draws = scores[:, :DRAWS]
     from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
-
-
-def _drawn_base(shooting, fit, number, random):
-    """Weighted residuals from drawn noise of the base's sensor, shape (samples, outputs, draws)."""
-    measurement = shooting.responses.experiments[number].measurement
-    base, rate = measurement.acceleration, measurement.sampling_rate
-    size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
-    noise = size * random.standard_normal((base.size, DRAWS))
-    residuals = shooting.responses.moved_by_noise(
-        number, noise, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return residuals / fit.noise[number][:, None]
 
 
 def _sizes(left, drawn):

@@ -22,20 +22,18 @@ import numpy as np
 
 from harvester.device import contact, timescales
 from harvester.device.system import potential
-from harvester.identification.intervals import HELD
+from harvester.identification.intervals import student_factor
 from harvester.identification.own_values import own_values
 from harvester.identification.response import experiment
-from harvester.identification.search import HOPELESS
+from harvester.identification.search import FIRST_NOISE, HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
 from harvester.identification.validation_record import (
-    HALF_INTERVAL,
-    Unexplained,
     WholeRecord,
     predicted,
     root_mean_square,
 )
-from harvester.scene.numbers import numbers
+from harvester.scene.units import load_resistance
 from harvester.statistics.attractors import repeats_in_noise
 from harvester.statistics.estimate import Estimate
 
@@ -80,7 +78,7 @@ class Visited:
     frequency : (float, float)
         Hz, of the base.
     loads : tuple of float
-        Resistances (Ω).
+        Resistances (Ω), or decay rates λ of a scaled scene.
     extrapolated : tuple of str
         Features of the device that lie outside, in words.
     values : tuple of str
@@ -116,19 +114,24 @@ class Visited:
     def excludes(self, responses: Responses, x: np.ndarray) -> str:
         """Why a run (scaled displacements) of the only record of `responses` lies outside these
         ranges; empty if it lies within them."""
-        low = min(interval[0] for interval in self.displacement)
-        high = max(interval[1] for interval in self.displacement)
-        margin, x = BEYOND * (high - low), x * responses.length
-        if x.min() < low - margin or x.max() > high + margin:
+        low, high = self.reach
+        x = x * responses.length
+        if x.min() < low or x.max() > high:
             return "the run leaves the visited displacements"
         record = responses.experiments[0]
-        load = float(record.scene.load.resistance)
+        load = _load(record.scene)
         if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
             return "its load was not visited"
         slowest, fastest = band([record.measurement])
         if slowest < self.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * self.frequency[1]:
             return "its frequencies were not visited"
         return ""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Displacements of a motion that a prediction is claimed for."""
+        low, high = np.min(self.displacement), np.max(self.displacement)
+        return float(low - BEYOND * (high - low)), float(high + BEYOND * (high - low))
 
     def _length(self, value):
         return f"{1e3 * value if self.si else value:.3g}"
@@ -150,11 +153,7 @@ def visited(fitted: Fitted) -> Visited | None:
             intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
     system, scales = responses.known_device(0, fitted.values)
     si = fitted.scene.units == "SI"
-    loads = {
-        float(numbers(experiment.scene)["load.resistance"][0])
-        for experiment in experiments
-        if "load.resistance" in numbers(experiment.scene)
-    }
+    loads = {_load(experiment.scene) for experiment in experiments}
     ranges = tuple(displacement)
     spring: tuple[str, ...] = ()
     if not _inside(ranges, 0.0):
@@ -172,6 +171,11 @@ def visited(fitted: Fitted) -> Visited | None:
         values=spring,
         si=si,
     )
+
+
+def _load(scene):
+    """Resistance of the load, or its decay rate in a scaled scene."""
+    return float(load_resistance(scene) or scene.load.decay_rate)
 
 
 def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
@@ -286,12 +290,10 @@ def _model_error(records, missed):
     model, a share of the rms, so twice that share of the power. Of so few records the interval is
     Student's.
     """
-    from scipy.stats import t
-
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
     error = math.sqrt(np.mean(np.square(off)) + np.mean(np.square(2.0 * np.array(missed))))
-    return error * float(t.ppf(0.5 + 0.5 * HELD, len(off))) / HALF_INTERVAL
+    return error * student_factor(len(off))
 
 
 def _of_record(fitted, measurement, visited, values, model_error, limit):
@@ -308,26 +310,23 @@ def _of_record(fitted, measurement, visited, values, model_error, limit):
     runs = [_run(shooting, draw, starts[:1], late) for draw in values]
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
-    parts = []
-    for number, name in enumerate(record.outputs):
-        left, floor = record.nrmse(number), record.noise(number)
-        beyond = math.sqrt(max(left**2 - floor**2, 0.0))
-        parts.append(Unexplained(name, left, floor, beyond, math.nan, beyond <= limit))
+    left = math.sqrt(max(record.nrmse() ** 2 - record.noise() ** 2, 0.0))
     outside = visited.excludes(responses, runs[0][0])
     if agreement < 1.0:
         outside = "likely values lead to different orbits"
-    if parts[0].beyond > limit:
+    if left > limit:
         cause = "with the value found in it" if measurement.own else "another tilt, load or sensor"
-        outside = f"{parts[0].beyond:.0%} of it is left even in windows: {cause}"
-    shown = {
-        "measured": record.measured[late:],
-        "windowed": record.windowed[late:],
-        "unexplained": tuple(parts),
-    }
-    late_record = replace(record, **shown, free=runs[0][1])
+        outside = f"{left:.0%} of it is left even in windows: {cause}"
+    late_record = replace(
+        record,
+        measured=record.measured[late:],
+        windowed=record.windowed[late:],
+        free=runs[0][1],
+    )
     return WholeRecord(
         **vars(late_record),
         outside=outside,
+        left=left,
         limit=limit,
         measured_orbit=_orbit(followed, saddles, edges, repeats),
         predicted_orbit=orbits[0],
@@ -359,10 +358,9 @@ def _with_own(fitted, measurement, visited, values, noise, limit):
     farthest = (1.0 + BEYOND) * float(np.abs(ends).max())
     if not measurement.own:
         return values, [], np.array([]), (-farthest, farthest)
-    low, high = float(ends.min()), float(ends.max())
-    interval = (low - BEYOND * (high - low), high + BEYOND * (high - low))
+    low, high = np.array(visited.reach) / fitted.shooting.responses.length
     local_values, errors, reach = own_values(
-        fitted, measurement, values, (-farthest, farthest), interval, noise, limit
+        fitted, measurement, values, (-farthest, farthest), (low, high), noise, limit
     )
     # A key that the fit has too is the record's own here.
     indices = np.flatnonzero([key in measurement.own for key in fitted.keys])
@@ -381,15 +379,15 @@ def _settled(shooting, values, noise, reach):
     span = [(0, shooting.responses.experiments[0].samples)]
     begun = ShootingFit(values, [], [], [noise])
 
-    def found(ends):
+    def in_windows(ends):
         (record,), settled = predicted(shooting, begun, span, ends)
         return record, settled, float(np.mean((record.residuals / noise) ** 2))
 
     system, _ = shooting.responses.known_device(0, values)
     saddles = [saddle for saddle in timescales.saddles(system) if reach[0] < saddle < reach[1]]
-    best = anywhere = found(reach)
+    best = anywhere = in_windows(reach)
     if saddles:
-        wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
+        wells = [in_windows(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
         best = min(wells, key=lambda solution: solution[-1])
     record, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
     return record, settled
@@ -407,7 +405,8 @@ def _shooting(fitted, measurement):
         for name, level in zip(other.measurement.outputs, levels, strict=True)
     }
     noise = [
-        fitted_noise.get(name, 0.05 * float(np.std(v))) for name, v in measurement.outputs.items()
+        fitted_noise.get(name, FIRST_NOISE * float(np.std(values)))
+        for name, values in measurement.outputs.items()
     ]
     return shooting, np.array(noise)
 

@@ -113,6 +113,13 @@ class MeasuredResponse:
         """A selection of its frequencies."""
         return replace(self, **{quantity: values[lines] for quantity, values in self._arrays()})
 
+    def _check_size(self):
+        if self.frequency.size < FEWEST_FREQUENCIES:
+            raise IdentificationError(
+                f"{self.name}: too short: {self.frequency.size} frequencies, and "
+                f"{FEWEST_FREQUENCIES} are the fewest"
+            )
+
     def check(self) -> None:
         """Refuse a response with too few frequencies, one side of the resonance, or conjugated.
 
@@ -121,11 +128,7 @@ class MeasuredResponse:
         IdentificationError
             Too few frequencies, none on one side of the resonance, or a phase that rises.
         """
-        if self.frequency.size < FEWEST_FREQUENCIES:
-            raise IdentificationError(
-                f"{self.name}: too short: {self.frequency.size} frequencies, and "
-                f"{FEWEST_FREQUENCIES} are the fewest"
-            )
+        self._check_size()
         if self.resonance in self.frequency[[0, -1]]:
             raise IdentificationError(
                 f"{self.name}: no excitation in the band that matters: the response is greatest at "
@@ -181,7 +184,6 @@ def response_of(
     )
 
 
-FEWEST_FREQUENCIES = 12
 SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")
 # Other names of the columns resistance and reactance.
 OTHER_NAMES = {"real": "resistance", "imaginary": "reactance"}
@@ -229,11 +231,7 @@ class MeasuredImpedance(MeasuredResponse):
 
     def check(self) -> None:
         """Raise IdentificationError if there are too few frequencies."""
-        if self.frequency.size < FEWEST_FREQUENCIES:
-            raise IdentificationError(
-                f"{self.name}: too short: {self.frequency.size} frequencies, and "
-                f"{FEWEST_FREQUENCIES} are the fewest"
-            )
+        self._check_size()
 
 
 def impedance_outputs(impedance: np.ndarray) -> dict[str, np.ndarray]:

@@ -44,7 +44,7 @@ from harvester.identification.sensors import (
     parallel,
     without_memory,
 )
-from harvester.identification.unknowns import BASE_FACTOR, with_values
+from harvester.identification.unknowns import BASE_FACTOR, LOAD, with_values
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.units import Scales
@@ -180,8 +180,8 @@ class Responses:
         probe = self._sensor(number, values, "sensor.voltage_resistance")
         try:
             if math.isfinite(probe):
-                load = parallel(numbers(changed)["load.resistance"][0], probe)
-                changed = changed.replace({"load.resistance": load})
+                load = parallel(numbers(changed)[LOAD][0], probe)
+                changed = changed.replace({LOAD: load})
             prepared_scene = prepared(changed)
             system, scales = prepared_scene.system, prepared_scene.scales
         except (HarvesterError, ArithmeticError, ValueError):

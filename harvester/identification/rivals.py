@@ -19,11 +19,11 @@ from harvester.base.errors import HarvesterError
 from harvester.identification.fitting import NOTED, Fitted, fitted
 from harvester.identification.intervals import normal_equations
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.unknowns import unknowns
+from harvester.identification.unknowns import FORCE, LOAD, unknowns
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
-    blocks_of,
+    block_means,
     mean_of,
     validated,
 )
@@ -36,11 +36,10 @@ if TYPE_CHECKING:
 # A trial pair of stoppers begins at this share of the greatest displacement, with this share of the
 # stiffness that counts as one (`sizes_of`).
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
-FORCE = "oscillator.restoring_force[{}]"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # Share of a size that is too little to change the motion.
 LITTLE = 1e-6
-DRAG, LOAD = "oscillator.quadratic_damping", "load.resistance"
+DRAG = "oscillator.quadratic_damping"
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
@@ -211,7 +210,7 @@ def _compared(name, base, other):
     for mine, theirs in zip(base.records, other.records, strict=True):
         units = np.sqrt(np.mean(mine.residuals**2, axis=0))
         old, new = (
-            np.array([np.mean(part**2) for part in blocks_of(record.residuals / units)])
+            block_means(np.mean((record.residuals / units) ** 2, axis=1))
             for record in (mine, theirs)
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
@@ -252,9 +251,7 @@ def _of_the_best(models):
 
 
 def _coefficients(scene):
-    """Coefficients of the spring; none where it is a table."""
-    if scene.oscillator.force_table is not None:
-        return []
+    """Coefficients of the spring; none of a table."""
     return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
@@ -448,29 +445,14 @@ def _further(base, parts, measurements, sizes, report):
 
 def _equations(shooting, fit, records):
     """Normal equations of all unknowns and some records' loads (ln R); None where it diverges."""
-
-    def of_loads(number: int, left: np.ndarray) -> np.ndarray:
-        columns = np.zeros((*left.shape, len(records)))
-        if number in records:
-            other = _with_load_of(shooting, number, math.exp(LOAD_STEP))
-            moved, _ = other.residuals_of(fit, number)
-            if moved is not None:
-                columns[..., records.index(number)] = (moved - left) / LOAD_STEP
-        return columns
-
     if not math.isfinite(shooting.cost(fit)):
         return None
-    return normal_equations(shooting, fit, of_loads if records else None)
-
-
-def _with_load_of(shooting, number, factor):
-    """The problem with one record's load times a factor."""
-    experiments = list(shooting.responses.experiments)
-    scene = experiments[number].scene
-    load = {LOAD: factor * numbers(scene)[LOAD][0]}
-    experiments[number] = replace(experiments[number], scene=scene.replace(load))
-    responses = shooting.responses.replaced(experiments, shooting.responses.keys)
-    return shooting.beside(responses, shooting.unknowns)
+    changed = []
+    for number in records:
+        experiment = shooting.responses.experiments[number]
+        load = {LOAD: math.exp(LOAD_STEP) * numbers(experiment.scene)[LOAD][0]}
+        changed.append({number: replace(experiment, scene=experiment.scene.replace(load))})
+    return normal_equations(shooting, fit, changed, LOAD_STEP)
 
 
 def _promised(equations, places):
@@ -494,7 +476,7 @@ def _with_part(base, part, measurements, sizes, step):
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
         return Rival(part.name, None, remark="not tried: no step towards it lowers the residuals")
-    warm = replace(base, values=begun.values, fit=begun, shooting=shooting)
+    warm = replace(base, fit=begun, shooting=shooting)
     count = len(base.keys)
     values = dict(zip(part.keys, map(float, begun.values[count:]), strict=True))
     changes = {key: value for key, value in values.items() if not key.startswith("sensor.")}
@@ -593,7 +575,7 @@ def _without_mean(measurements, name):
         values = record.sensed.get(name)
         if values is None or key in record.sensors:
             return
-        mean = mean_of(np.array([float(np.mean(part)) for part in blocks_of(values)]))
+        mean = mean_of(block_means(values))
         errors = OFFSET_ERRORS * (mean.standard_error or 0.0)
         if abs(mean.estimate) > max(errors, LEAST_OFFSET * float(np.std(values))):
             largest = max(largest, mean.estimate, key=abs)

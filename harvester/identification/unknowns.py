@@ -33,7 +33,8 @@ KNOWN = (
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Word for all keys that are free by default.
 DEVICE = "device"
-ORIGIN = "oscillator.restoring_force[0]"
+MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
+ORIGIN = FORCE.format(0)
 # A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1

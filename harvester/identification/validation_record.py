@@ -38,9 +38,10 @@ BLOCKS = 12
 # A record's noise is taken from this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# Largest noise of the base's sensor, as a share of the base's rms: a higher floor is motion up to
-# half the sampling rate.
-MOST_BASE_NOISE = 0.05
+# Smallest and largest noise of the base's sensor, as shares of the base's rms: a record without
+# noise still has a direction in which noise would act; a higher floor is motion up to half the
+# sampling rate.
+LEAST_BASE_NOISE, MOST_BASE_NOISE = 1e-6, 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
 # Longest lag of the autocorrelation, in periods of the motion.
@@ -165,7 +166,9 @@ class ValidationRecord:
         Predicted in windows, along the measured path. Errors are those of means of blocks; that of
         the difference of paired blocks.
         """
-        measured, predicted = self._blocks(self.measured), self._blocks(self.windowed)
+        measured, predicted = (
+            block_means(self._compared_values(values)) for values in (self.measured, self.windowed)
+        )
         difference = (predicted - measured) / float(np.mean(measured))
         return mean_of(measured), mean_of(predicted), mean_of(difference)
 
@@ -180,17 +183,17 @@ class ValidationRecord:
         """Share of the mean square of measured values that the model explains."""
         left = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
         seen = np.sum(measured**2, axis=1)
-        means = [float(np.mean(part)) for part in blocks_of(seen - left)]
-        return mean_of(np.array(means) / float(np.mean(seen)))
+        return mean_of(block_means(seen - left) / float(np.mean(seen)))
 
     def free_power(self) -> Estimate:
         """Mean power (or square) of a run from one start, which may part from the measured path."""
-        return mean_of(self._blocks(self.free))
+        return mean_of(block_means(self._compared_values(self.free)))
 
-    def _blocks(self, values):
+    def _compared_values(self, values):
+        """Power (or square of an output) at the samples."""
         column = self.outputs.index("voltage") if "voltage" in self.outputs else 0
         factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, column])])
+        return factor * values[:, column] ** 2
 
     def whiteness(self, output: int = 0) -> Whiteness:
         """Autocorrelation of the residuals over a period of the motion."""
@@ -253,9 +256,8 @@ class ResponseRecord(ValidationRecord):
         """Share of the response's square that the model explains, both parts together."""
         return self._explained(self.measured, len(self.outputs))
 
-    def _blocks(self, values):
-        squares = np.sum(values**2, axis=1)
-        return np.array([float(np.mean(part)) for part in blocks_of(squares)])
+    def _compared_values(self, values):
+        return np.sum(values**2, axis=1)
 
     def judged(self) -> ResponseRecord:
         """The record with what is left of it."""
@@ -282,9 +284,8 @@ class ImpedanceRecord(ResponseRecord):
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
 
-    def _blocks(self, values):
-        sizes = np.exp(values[:, 0])
-        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
+    def _compared_values(self, values):
+        return np.exp(values[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,8 +297,11 @@ class WholeRecord(ValidationRecord):
     outside : str
         Why the prediction is not claimed; empty where it is: one orbit for all likely values,
         within what the fitted records visited.
+    left : float
+        rms of the first output's residuals in windows, beyond noise, as a share of its standard
+        deviation.
     limit : float
-        Most that may be left in windows of a record of the fitted device, as a share of its rms.
+        Largest `left` of a record of the fitted device.
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
     rms_unit : str
@@ -309,6 +313,7 @@ class WholeRecord(ValidationRecord):
     """
 
     outside: str
+    left: float
     limit: float
     measured_orbit: str
     predicted_orbit: str
@@ -324,11 +329,6 @@ class WholeRecord(ValidationRecord):
     def claimed(self) -> bool:
         """Whether the model claims this record."""
         return not self.outside
-
-    @property
-    def left(self) -> float:
-        """Of the first output in windows, beyond noise, as a share of its standard deviation."""
-        return self.unexplained[0].beyond
 
     @property
     def follows(self) -> bool:
@@ -389,9 +389,9 @@ def _text(value, unit):
     return with_error(replace(value, standard_error=HALF_INTERVAL * value.standard_error), unit)
 
 
-def blocks_of(values: np.ndarray) -> list[np.ndarray]:
-    """A series in the blocks whose means give an error bar."""
-    return np.array_split(values, min(BLOCKS, values.size))
+def block_means(values: np.ndarray) -> np.ndarray:
+    """Means of a series in the blocks whose scatter gives an error bar, shape (blocks,)."""
+    return np.array([np.mean(part) for part in np.array_split(values, min(BLOCKS, values.size))])
 
 
 def mean_of(values: np.ndarray) -> Estimate:
@@ -402,7 +402,7 @@ def mean_of(values: np.ndarray) -> Estimate:
 
 def root_mean_square(values: np.ndarray) -> Estimate:
     """rms of the first of several series (samples, outputs), with the error of its blocks."""
-    square = mean_of(np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])]))
+    square = mean_of(block_means(values[:, 0] ** 2))
     rms = math.sqrt(square.estimate)
     error = square.standard_error / (2.0 * rms) if rms and square.standard_error else 0.0
     return replace(square, estimate=rms, standard_error=error)
@@ -499,9 +499,22 @@ def noise_floor(values: np.ndarray, rate: float) -> float:
     return math.sqrt(floor * 0.5 * rate)
 
 
-def base_noise(acceleration: np.ndarray, rate: float) -> float:
-    """rms noise of the base's sensor, from the floor of its spectrum, at a rate in Hz."""
-    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
+def drawn_base_noise(
+    shooting: Shooting, fit: ShootingFit, number: int, random: np.random.Generator, draws: int
+) -> np.ndarray:
+    """Weighted residuals from noise of the base's sensor, shape (samples, outputs, draws).
+
+    The noise is as large as the floor of the record's spectrum.
+    """
+    measurement = shooting.responses.experiments[number].measurement
+    base, rms = measurement.acceleration, float(np.std(measurement.acceleration))
+    floor = noise_floor(base, measurement.sampling_rate)
+    size = float(np.clip(floor, LEAST_BASE_NOISE * rms, MOST_BASE_NOISE * rms))
+    noise = size * random.standard_normal((base.size, draws))
+    changes = shooting.responses.moved_by_noise(
+        number, noise, fit.values, fit.edges[number], fit.starts[number]
+    )
+    return changes / fit.noise[number][:, None]
 
 
 @dataclass(frozen=True)
@@ -539,7 +552,7 @@ def _whiteness(residuals, per_period):
     series = np.fft.irfft(spectrum)[: lags + 1]
     correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
-    return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
+    return Whiteness(correlations, HALF_INTERVAL / math.sqrt(n), float(chi2.sf(statistic, lags)))
 
 
 def validated(fitted: Fitted) -> list[ValidationRecord]:
@@ -560,7 +573,7 @@ def _unexplained(fitted, number):
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
     measured, table = shooting.seen(number, edges), shooting.jacobian(fit, number)[0]
     left, starts = table[..., -1], table[..., :-1]
-    drawn = without_states(_drawn(shooting, fit, number, measured) / noise[:, None], starts, cuts)
+    drawn = without_states(_drawn(shooting, fit, number, measured), starts, cuts)
     simulated = left * noise + measured
     for output, name in enumerate(measurement.outputs):
         columns = _signals(measurement, inside, simulated[:, output])
@@ -581,14 +594,11 @@ def _unexplained(fitted, number):
 
 
 def _drawn(shooting, fit, number, measured):
-    """Simulated residuals of a right model, shape (samples, outputs, draws)."""
-    measurement = shooting.responses.experiments[number].measurement
+    """Simulated weighted residuals of a right model, shape (samples, outputs, draws)."""
+    rate = shooting.responses.experiments[number].measurement.sampling_rate
     random = np.random.default_rng(0)
-    rate, base = measurement.sampling_rate, measurement.acceleration
-    floors = np.array([noise_floor(series, rate) for series in measured.T])
-    shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
-    edges, starts = fit.edges[number], fit.starts[number]
-    drawn = shooting.responses.moved_by_noise(number, shaken, fit.values, edges, starts)
+    drawn = drawn_base_noise(shooting, fit, number, random, DRAWS)
+    floors = np.array([noise_floor(series, rate) for series in measured.T]) / fit.noise[number]
     return drawn + floors[:, None] * random.standard_normal(drawn.shape)
 
 

@@ -151,20 +151,20 @@ def _needed_power(evidence):
 
 
 def _needed_assumption(evidence):
-    needed = [known for known in evidence.assumptions if _is_needed(evidence, known)]
+    needed = [entry for entry in evidence.assumptions if _is_needed(evidence, entry)]
     if not needed:
         return None
-    strongest = max(needed, key=lambda known: abs(known.significance))
+    strongest = max(needed, key=lambda assumption: abs(assumption.significance))
     return f"the records ask for {1.0 + strongest.change:.3g} times the {strongest.key}"
 
 
-def _is_needed(evidence, known):
-    """Whether the records tell what is taken as known, need another value, and it moves others."""
+def _is_needed(evidence, assumption):
+    """Whether the records determine the assumed value, need another one, and it moves others."""
     moved = [
-        abs(move * known.change) > HALF_INTERVAL * evidence.errors[key]
-        for key, move in known.moves.items()
+        abs(move * assumption.change) > HALF_INTERVAL * evidence.errors[key]
+        for key, move in assumption.moves.items()
     ]
-    return known.error < TOLD and abs(known.significance) > CERTAIN and any(moved)
+    return assumption.error < TOLD and abs(assumption.significance) > CERTAIN and any(moved)
 
 
 def _not_as_predicted(evidence):
@@ -196,9 +196,10 @@ def _caveat(evidence):
         return "that is small motion with the base clamped"
     if evidence.visited is None:
         return "that is small motion"
-    open_values = [key for key, known in dependent(evidence).items() if any(map(_is_gain, known))]
-    if open_values:
-        return f"{len(open_values)} values are only as right as the sensors' gains"
+    values = dependent(evidence).values()
+    of_gains = sum(any(name.startswith("sensor.") for name in names) for names in values)
+    if of_gains:
+        return f"{of_gains} values are only as right as the sensors' gains"
     return "that holds within the visited range"
 
 
@@ -246,18 +247,18 @@ CERTAIN = 4.0
 def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
     """Gains and other known values that each fitted value is only as right as, by its key."""
     mixed: dict[str, list[str]] = {}
-    for known in evidence.assumptions:
-        for key, move in known.moves.items():
-            if not abs(move) * known.error <= DEPENDS * evidence.errors[key]:
-                mixed.setdefault(key, []).append(_shown(evidence, known))
+    for assumption in evidence.assumptions:
+        for key, move in assumption.moves.items():
+            if not abs(move) * assumption.error <= DEPENDS * evidence.errors[key]:
+                mixed.setdefault(key, []).append(_label(evidence, assumption))
     return mixed
 
 
-def _shown(evidence, known):
-    """Name of a known value, with its records if it is not that of all."""
-    if len(known.records) == len(evidence.records):
-        return known.key
-    return f"{known.key} of {', '.join(known.records)}"
+def _label(evidence, assumption):
+    """Name of an assumed value, with its records unless it is that of all."""
+    if len(assumption.records) == len(evidence.records):
+        return assumption.key
+    return f"{assumption.key} of {', '.join(assumption.records)}"
 
 
 def findings(evidence: FitEvidence) -> list[str]:
@@ -270,7 +271,7 @@ def findings(evidence: FitEvidence) -> list[str]:
         lines += [_left(record, part) for part in record.unexplained]
         lines.append(_power(record))
     mixed = {name for names in dependent(evidence).values() for name in names}
-    lines += [str(known) for known in evidence.assumptions if _shown(evidence, known) in mixed]
+    lines += [str(entry) for entry in evidence.assumptions if _label(evidence, entry) in mixed]
     spring = evidence.spring
     if spring and spring.is_needed:
         lines.append(
@@ -315,10 +316,6 @@ def _rival_lines(rivals):
             f" NRMSE, {end}"
         )
     return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
-
-
-def _is_gain(key):
-    return key.startswith("sensor.")
 
 
 def _left(record, part):

@@ -77,8 +77,8 @@ def test_a_constant_is_known_less_well_under_residuals_with_a_memory():
 
 RESONANCE = 2.0 * np.pi / 12.0
 POLES = np.poly(np.exp(RESONANCE * np.array([-0.02 + 1j, -0.02 - 1j]))).real
-# Samples of a record of 200 periods.
-RECORD = 2400
+# Samples of a record of 200 periods, and the noise of its base's sensor.
+RECORD, BASE_NOISE = 2400, 0.01
 
 
 def resonant(values):
@@ -86,9 +86,23 @@ def resonant(values):
     return lfilter([0.0, 1.0], POLES, values, axis=0)
 
 
-def shaken(base, effect, states, left, edges):
-    """Variance of one value of a resonance whose base's sensor is noisy."""
-    table = np.column_stack([effect, states, left])[:, None]
+def width_ratio(seed, output_noise, starts, edges):
+    """Interval of a value that acts at the resonance, over its exact width.
+
+    The base is a sine and white noise. var(Jᵀ r)/(JᵀJ)² with r = H n + e is
+    σ_a² |Hᵀ J|² + σ_v² |J|², Hᵀ being H backwards in time.
+    """
+    random = np.random.default_rng(seed)
+    sine = np.sin(RESONANCE * np.arange(RECORD))
+    effect = resonant(resonant(sine + random.standard_normal(RECORD)))
+    base = sine + BASE_NOISE * random.standard_normal(RECORD)
+    left = resonant(BASE_NOISE * random.standard_normal(RECORD))
+    left += output_noise * random.standard_normal(RECORD)
+    left, seen = (
+        without_states(values[:, None, None], starts[:, None], edges)[:, 0, 0]
+        for values in (left, effect)
+    )
+    table = np.column_stack([effect, starts, left])[:, None]
     shown = SimpleNamespace(acceleration=base, sampling_rate=1.0)
     responses = SimpleNamespace(
         experiments=[Experiment(shown, None, 2, {})],
@@ -101,54 +115,27 @@ def shaken(base, effect, states, left, edges):
         jacobian=lambda fit, number: (table, None),
     )
     fit = SimpleNamespace(edges=[edges], values=None, starts=[None], noise=[np.ones(1)])
-    return covariance(shooting, fit)[0, 0]
+    back, square = resonant(seen[::-1]), seen @ seen
+    exact = (BASE_NOISE**2 * back @ back + output_noise**2 * square) / square**2
+    return np.sqrt(covariance(shooting, fit)[0, 0] / exact)
 
 
 def test_noise_of_the_base_is_in_the_interval_where_short_windows_absorb_most_of_it():
     """Of six periods each: their starts take the white noise in the motion's band as well."""
-    length, ratios = 72, []
+    length = 72
     edges = np.arange(0, RECORD + 1, length)
     edges[-1] = RECORD
     free = np.zeros((length * 2, 3))
     free[0, 0], free[1, 1] = 1.0, 1.0
     free = lfilter([1.0], POLES, free, axis=0)
     starts = np.concatenate([free[:size] for size in np.diff(edges)])
-    for seed in range(12):
-        random = np.random.default_rng(seed)
-        moving = np.sin(RESONANCE * np.arange(RECORD)) + random.standard_normal(RECORD)
-        effect = resonant(resonant(moving))
-        sizes = 0.01, 0.3
-        base = np.sin(RESONANCE * np.arange(RECORD)) + sizes[0] * random.standard_normal(RECORD)
-        left = resonant(sizes[0] * random.standard_normal(RECORD))
-        left += sizes[1] * random.standard_normal(RECORD)
-        left, seen = (
-            without_states(values[:, None, None], starts[:, None], edges)[:, 0, 0]
-            for values in (left, effect)
-        )
-        found = shaken(base, effect, starts, left, edges)
-        back = resonant(seen[::-1])
-        exact = (sizes[0] ** 2 * back @ back + sizes[1] ** 2 * seen @ seen) / (seen @ seen) ** 2
-        ratios.append(np.sqrt(found / exact))
+    ratios = [width_ratio(seed, 0.3, starts, edges) for seed in range(12)]
     assert np.median(ratios) == pytest.approx(1.0, abs=0.15), ratios
     assert min(ratios) > 0.95, ratios
 
 
 def test_noise_of_the_base_s_sensor_is_in_the_interval_of_a_value_that_acts_at_the_resonance():
-    """var(Jᵀ r)/(JᵀJ)² with r = H n + e: σ_a² |Hᵀ J|² + σ_v² |J|², Hᵀ being H backwards in time."""
-    ratios = []
-    for seed in range(12):
-        random = np.random.default_rng(seed)
-        moving = np.sin(RESONANCE * np.arange(RECORD)) + random.standard_normal(RECORD)
-        effect = resonant(resonant(moving))
-        sizes = 0.01, 0.03
-        base = np.sin(RESONANCE * np.arange(RECORD)) + sizes[0] * random.standard_normal(RECORD)
-        left = resonant(sizes[0] * random.standard_normal(RECORD))
-        left += sizes[1] * random.standard_normal(RECORD)
-        found = shaken(base, effect, np.zeros((RECORD, 3)), left, np.array([0, RECORD]))
-        back = resonant(effect[::-1])
-        exact = (sizes[0] ** 2 * back @ back + sizes[1] ** 2 * effect @ effect) / (
-            effect @ effect
-        ) ** 2
-        ratios.append(np.sqrt(found / exact))
+    no_starts, one_window = np.zeros((RECORD, 3)), np.array([0, RECORD])
+    ratios = [width_ratio(seed, 0.03, no_starts, one_window) for seed in range(12)]
     assert np.median(ratios) == pytest.approx(1.0, abs=0.15), ratios
     assert min(ratios) > 0.9, ratios

@@ -1,14 +1,17 @@
 """Records kept aside: what is found in them alone, and which values are likely."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from measured_records import RATE, linear_device, linear_record, scene_of, states
 
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
-from harvester.identification.kept_aside import _likely
+from harvester.identification.kept_aside import Visited, _likely, band
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement, read_measurement
+from harvester.scene.model import Scene
 
 FREQUENCIES = np.linspace(5.0, 20.0, 30)
 RESPONSE = MeasuredResponse(FREQUENCIES, 1.0 / (1.0 + 1j * FREQUENCIES), name="sweep.csv")
@@ -81,6 +84,23 @@ def test_a_load_is_given_and_responses_alone_predict_no_record():
         identify(truth, one, keep_aside=loaded)
     with pytest.raises(IdentificationError, match="responses alone predicts no record"):
         identify(truth, RESPONSE, keep_aside=one)
+
+
+@pytest.mark.parametrize(("load", "why"), [(1.0, ""), (2.0, "its load was not visited")])
+def test_the_load_of_a_scaled_scene_is_its_decay_rate(load, why):
+    tables = {
+        "units": "scaled",
+        "oscillator": {"damping": 0.05, "restoring_force": [0.0, 1.0]},
+        "piezo": {"coupling": 0.1},
+        "load": {"decay_rate": 1.0},
+        "excitation": {"kind": "white", "intensity": 0.01},
+        "run": {"duration": 100.0},
+    }
+    base = np.random.default_rng(1).standard_normal(400)
+    record = Measurement(base, 2.0, displacement=base)
+    one = SimpleNamespace(scene=Scene.from_tables(tables, name="scaled"), measurement=record)
+    ranges = Visited(((-1.0, 1.0),), ((-1.0, 1.0),), band([record]), (load,), (), (), si=False)
+    assert ranges.excludes(SimpleNamespace(length=1.0, experiments=[one]), np.zeros(9)) == why
 
 
 @pytest.mark.exhaustive

@@ -142,7 +142,7 @@ def test_records_kept_aside_refute_what_they_were_claimed_for():
     def whole(rms, outside="", limit=1.0):
         power = Estimate(rms**2, 1e-3, 1.0, "1")
         return in_time(
-            MOTION + 0.01 * NOISE, MOTION, kind=WholeRecord, outside=outside, limit=limit,
+            MOTION + 0.01 * NOISE, MOTION, kind=WholeRecord, outside=outside, left=0.0, limit=limit,
             measured_orbit="in the well", predicted_orbit="in the well", agreement=1.0,
             rms_unit="V", predicted_rms=Estimate(rms, 1e-3, 1.0, "1"), predicted_power=power,
             own={},
