@@ -89,7 +89,8 @@ def average(
     """
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)
-        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {names}")
+        hint = nearest(closure, CLOSURES) or ", and engines are for `simulate`"
+        raise AveragingError(f"{closure}: no such closure{hint}; use {names}")
     chosen = CLOSURES[closure]
     if chosen.of_spectrum:
         raise AveragingError(f"{closure}: takes a scene: harvester.average(scene, method=…)")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from harvester.base.errors import HarvesterError
+from harvester.base.errors import HarvesterError, UnknownOption, UnknownQuantity
+from harvester.base.numbers import is_real, is_whole, on_quotes
 from harvester.base.plain_text import nearest, shown
 
 if TYPE_CHECKING:
@@ -14,6 +16,10 @@ if TYPE_CHECKING:
 
 # Longest list taken from an iterator, which may have no end.
 MOST_VALUES = 100_000
+# From this whole number on the last of three values may be meant for a number of points.
+FEWEST_POINTS = 3
+# Most names listed in a message.
+MOST_NAMED = 60
 # numpy's defaults for floating-point errors.
 USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
@@ -41,7 +47,28 @@ def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
     items = tuple(itertools.islice(values, MOST_VALUES + 1))
     if len(items) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
+    if len(items) == 3 and all(map(is_real, items)) and is_whole(items[2], FEWEST_POINTS):
+        low, high, count = items
+        # A tuple of whole numbers, or one whole number behind others, may be meant for a range.
+        mixed = isinstance(values, tuple) or not all(is_whole(item, item) for item in items)
+        if mixed and not math.isclose(high - low, count - high):
+            raise HarvesterError(
+                f"{where} = {shown(values)}: three values, or {count} from {low:g} to {high:g}? "
+                f"write [{low:g}, {high:g}, {count}.0], or numpy.linspace({low:g}, {high:g}, "
+                f"{count})"
+            )
     return items
+
+
+def real_numbers(values: Any, where: str, example: str) -> tuple[float, ...]:
+    """One finite number or more; `values`, `where`, `example`: see `listed`."""
+    items = listed(values, where, example)
+    for item in items:
+        if not (is_real(item) and math.isfinite(item)):
+            raise HarvesterError(f"{where}: {shown(item)}: must be a number{on_quotes(item)}")
+    if not items:
+        raise HarvesterError(f"{where}: is empty; write {example}")
+    return tuple(map(float, items))
 
 
 def table(values: Any, where: str, example: str) -> dict[Any, Any]:
@@ -52,6 +79,35 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     if not isinstance(values, Mapping):
         raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
     return dict(values)
+
+
+def check_known(
+    function: str, options: Iterable[str], known: Collection[str], hint: str = ""
+) -> None:
+    """Refuse the first option that a function does not have, by UnknownOption with the nearest."""
+    for option in options:
+        if option not in known:
+            hint = hint or nearest(option, known) or f"; there are {', '.join(known)}"
+            raise UnknownOption(f"{function}: no option {option}{hint}")
+
+
+class Named(dict):
+    """Values by their names; an unknown name raises UnknownQuantity with those that there are.
+
+    `where`: beginning of the message, such as "paper: no density of".
+    """
+
+    def __init__(self, where: str, values: Mapping[Any, Any]) -> None:
+        super().__init__(values)
+        self.where = where
+
+    def __missing__(self, name: object) -> Any:
+        names = [str(known) for known in itertools.islice(self, MOST_NAMED)]
+        more = ", …" * (len(self) > MOST_NAMED)
+        raise UnknownQuantity(
+            f"{self.where} {shown(name)}{nearest(name, names)}; there are "
+            f"{', '.join(names) or 'none'}{more}"
+        )
 
 
 def check_name(what: str, name: str, known: Collection[str]) -> str:
@@ -65,12 +121,13 @@ def check_name(what: str, name: str, known: Collection[str]) -> str:
 
 def key_and_values(
     over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
-) -> tuple[str, Sequence[float]]:
+) -> tuple[str, tuple[float, ...]]:
     """The key of a grid along one key, and its values; raises HarvesterError."""
     if isinstance(over, Mapping) and len(over) == 1 and values is None:
-        return next(iter(over.items()))
+        ((key, levels),) = over.items()
+        return key, real_numbers(levels, f"over[{key!r}]", "[0.1, 0.2]")
     if isinstance(over, str) and values is not None:
-        return over, values
+        return over, real_numbers(values, "values", "[0.1, 0.2]")
     raise HarvesterError(
         f"--over: {shown(over)}: give one key with its values, "
         "over={'excitation.amplitude': [1.0, 2.0]}; on the command line its name and the option "

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
-from harvester.base.errors import HarvesterError
+from harvester.base.arguments import check_known
+from harvester.base.errors import HarvesterError, UnknownOption
 from harvester.base.plain_text import shown
 
 
@@ -19,6 +20,12 @@ class Method(ABC):
     Every field is a setting with a default. A name, such as "circuit", stands for the object with
     its defaults.
     """
+
+    def __new__(cls, *settings: Any, **named: Any) -> Self:
+        check_known(cls.__name__, named, [field.name for field in fields(cls)])
+        if len(settings) > len(fields(cls)):
+            raise UnknownOption(f"{cls.__name__}: has {len(fields(cls))} settings; name them")
+        return super().__new__(cls)
 
     @property
     @abstractmethod

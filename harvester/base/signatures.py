@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real, is_whole, number
+from harvester.base.numbers import is_real, is_whole, number, on_quotes
 from harvester.base.plain_text import named, shown
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -175,6 +175,15 @@ def _share(value: Any) -> bool:
     return is_real(value) and 0.0 < float(value) < 1.0
 
 
+# What a value must be by the type of its parameter, where the annotation says no more.
+BY_TYPE: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    bool: ("True or False", lambda value: type(value).__name__ in ("bool", "bool_")),
+    int: ("a whole number", lambda value: is_real(value) and isinstance(value, numbers.Integral)),
+    float: ("a number", lambda value: is_real(value) and math.isfinite(value)),
+    str: ("a text", lambda value: isinstance(value, str)),
+    str | os.PathLike: ("a path", lambda value: isinstance(value, (str, os.PathLike))),
+    str | Method: ("a name or a method", lambda value: isinstance(value, (str, Method))),
+}
 # A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[
@@ -321,8 +330,13 @@ class Option(NamedTuple):
         """
         if value is None and self.may_be_none:
             return
-        if self.kind.holds and not self.kind.holds(value):
-            raise HarvesterError(f"{self.spelling} {shown(value)}: must be {self.kind.required}")
+        required, holds = self.kind.required, self.kind.holds
+        if not holds:
+            required, holds = BY_TYPE.get(self.type, (required, None))
+        if holds and not holds(value):
+            raise HarvesterError(
+                f"{self.spelling} {shown(value)}: must be {required}{on_quotes(value)}"
+            )
 
 
 @functools.cache
@@ -365,7 +379,11 @@ def named_as_called(function: Callable) -> Iterator[None]:
     except HarvesterError as error:
         if not AT_COMMAND_LINE.get():
             names = {option.spelling: name for name, option in options_of(function).items()}
-            text = re.sub(r"--[a-z][a-z-]*", lambda word: names.get(word[0], word[0]), str(error))
+            text = re.sub(
+                r"--([a-z][a-z-]*)",
+                lambda word: names.get(word[0], word[1].replace("-", "_")),
+                str(error),
+            )
             error.args = (text, *error.args[1:])
         raise
 

@@ -250,6 +250,13 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     if isinstance(method, Engine):
         return method.check_options_agree(options, DEFAULTS)
     _check_options(options)
+    from harvester.averaging.closures import CLOSURES
+
+    if isinstance(method, Stationary) or method in CLOSURES:
+        raise HarvesterError(
+            f"method {method}: is a closure, which does not simulate: it is for average, sweep, "
+            f"load_study and optimum; here there are {', '.join(ENGINES)}"
+        )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])

@@ -53,12 +53,16 @@ def is_noisy(scene: Scene, method: Method) -> bool:
 def check_quantities(
     quantities: Sequence[str], scenes: Iterable[Scene], methods: Sequence[Method]
 ) -> None:
-    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name."""
+    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name.
+
+    The root of a mean square is one of the quantities.
+    """
     names: dict[str, None] = {}
     if any(isinstance(method, Stationary) for method in methods):
         names = dict.fromkeys(DIMENSIONS)
     for scene in scenes:
         names |= dict.fromkeys(quantity_names(scene))
+        names |= {name.replace("mean_square", "rms"): None for name in names}
         if names.keys() >= {*quantities}:
             return
     for quantity in quantities:

@@ -11,6 +11,7 @@ from typing import Any
 from circuits.netlist.subcircuits import UnknownParameter
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.numbers import on_quotes
 from harvester.base.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
@@ -105,6 +106,8 @@ def make_grid(
         key: listed(levels, f"over[{key!r}]", "[0.1, 0.2]")
         for key, levels in table(sweeps, "over", GRID_WRITTEN).items()
     }
+    if any_key and not sweeps:
+        raise HarvesterError(f"--over: names no key; write {GRID_WRITTEN}")
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
@@ -154,7 +157,8 @@ def _check_sweep(scene, key, values, any_key, loaded):
     for value in values:
         word = any_key and not listed and isinstance(value, str)
         if not (word or (isinstance(value, Real) and math.isfinite(value))):
-            raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
+            reason = f"must be a number{on_quotes(value)}"
+            raise HarvesterError(f"{option} {key}: {shown(value)}: {reason}")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
     if len(loaded) > 1:

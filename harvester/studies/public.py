@@ -23,9 +23,9 @@ from harvester.base.signatures import (
     Count,
     Distributions,
     Faults,
-    File,
     Grid,
     Grids,
+    Hertz,
     Kind,
     Loads,
     MethodOrName,
@@ -241,14 +241,14 @@ def frequency_response(
 
 @checked
 def spectrum(
-    source: File,
+    source: Annotated[Any, Kind("FILE")],
     /,
     *,
-    device: File | None = None,
+    device: Annotated[Any, Kind("FILE")] | None = None,
     column: str | None = None,
     unit: str | None = None,
-    sampling_rate: float | None = None,
-    resolution: float | None = None,
+    sampling_rate: Hertz | None = None,
+    resolution: Hertz | None = None,
     duration: Seconds | None = None,
     breakpoints: int = 20,
     mend: Faults = (),
@@ -379,7 +379,7 @@ def sweep(
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
-    cells = work.cells_of(labels, answers)
+    cells = work.cells_of(labels, answers, quantities)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,

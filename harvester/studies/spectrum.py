@@ -165,7 +165,7 @@ def _segment(count, interval, resolution, name):
     """Samples of a segment, even."""
     size = min(2.0 * count / (SEGMENTS + 1), MOST_IN_SEGMENT)
     if resolution:
-        size = HANN_BINS / (resolution * interval)
+        size = min(HANN_BINS / (resolution * interval), 2.0 * count)
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(

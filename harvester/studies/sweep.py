@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.averaging.closures import CLOSURES
+from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error, written
 from harvester.base.plain_text import json_text
@@ -96,6 +97,12 @@ class Sweep(ResultBase):
         for where in np.ndindex(cells.shape):
             point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
             yield point, cells[where]
+
+    def _numbers(self) -> Named:
+        """All quantities of the cells by place, not only those that the table shows."""
+        names = {name: None for _, cell in self.places() for name in cell.estimates}
+        complete = replace(self, quantities=tuple(dict.fromkeys((*self.quantities, *names))))
+        return super(Sweep, complete)._numbers()
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
@@ -250,15 +257,18 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
 
 
-def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
-    """The cells of a sweep from the answers, for every place and method in order."""
+def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
+    """The cells of a sweep from the answers, for every place and method in order.
+
+    They hold the answers' quantities, and of the roots of mean squares those that are asked for.
+    """
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
-        cells[k] = _cell(labels[k % len(labels)], answer)
+        cells[k] = _cell(labels[k % len(labels)], answer, quantities)
     return cells
 
 
-def _cell(method, answer):
+def _cell(method, answer, quantities):
     """An answer, the error that came instead, or None where the time was spent."""
     if answer is None:
         return Cell(method, OUT_OF_TIME)
@@ -267,7 +277,9 @@ def _cell(method, answer):
     outcome = answer.outcome
     if outcome == COMPLETE:
         outcome = "; ".join([COMPLETE, *answer.notes])
-    return Cell(method, outcome, answer.in_units(), answer.realizations, answer.orbits)
+    names = {*answer.quantities, *quantities}
+    estimates = {name: mean for name, mean in answer.in_units().items() if name in names}
+    return Cell(method, outcome, estimates, answer.realizations, answer.orbits)
 
 
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:

@@ -13,7 +13,7 @@ from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
 from harvester.results.headline import headline
 from harvester.results.page import Verdict
-from harvester.results.result import Result, with_roots
+from harvester.results.result import Result
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
@@ -24,7 +24,7 @@ from harvester.statistics.agreement import (
     differ,
     is_sharp,
 )
-from harvester.statistics.estimate import Estimate
+from harvester.statistics.estimate import Estimate, with_roots
 
 COMPARED = (
     "mean_square_voltage",
@@ -214,7 +214,7 @@ class Comparison(ResultBase):
                 continue
             value = result.printed(result.quantity(name), factor)
             text = f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})"
-            row.append(Printed(text, value.value, value.error, value.unit))
+            row.append(Printed(text, value.value, value.error, value.unit, None, value.estimate))
         return [row, *self._row_of_root(name)]
 
     def _row_of_root(self, name):

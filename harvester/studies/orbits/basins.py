@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.arguments import listed
+from harvester.base.arguments import real_numbers
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, Printed, quantity, share_with_error
 from harvester.base.plain_text import json_text, shown
@@ -213,11 +213,8 @@ def axes_of_starts(
             low, high = (end * ready.scales.of(name) for end in default[name])
             axes.append(np.linspace(low, high, points))
             continue
-        try:
-            values = np.array(listed(coordinates, name, "[-0.01, 0.0, 0.01]"), dtype=float)
-        except (TypeError, ValueError):
-            values = np.array([np.nan])
-        if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
+        values = np.array(real_numbers(coordinates, f"--{name}", "[-0.01, 0.0, 0.01]"))
+        if not (np.diff(values) > 0.0).all():
             raise HarvesterError(
                 f"--{name} {shown(coordinates)}: must be rising numbers, such as "
                 "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"

@@ -296,7 +296,7 @@ def study_of(
         scene=scene,
         tolerances=tolerances,
         quantity=quantity,
-        unit=unit_of(scene, nominal.quantities[quantity].dimension),
+        unit=unit_of(scene, nominal.in_units()[quantity].dimension),
         method=method.name,
         nominal=nominal.in_units()[quantity],
         indices=sobol_indices,
