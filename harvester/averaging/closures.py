@@ -1,6 +1,6 @@
 """Stationary means by three closures: two of quasi-conservative averaging, one without."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple
 
@@ -47,6 +47,13 @@ class StationaryMethod(NamedTuple):
     average: Callable
     tolerance: float
     of_spectrum: bool = False
+
+
+def notes_on_errors(methods: Iterable[str]) -> list[str]:
+    """What ± means for closures; empty if none of these methods is one."""
+    names = [name for name in dict.fromkeys(methods) if name.partition(" (")[0] in CLOSURES]
+    meaning = "± is the numerical error alone, without that of the approximation"
+    return [f"{', '.join(names)}: {meaning}"] if names else []
 
 
 def average(

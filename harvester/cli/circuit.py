@@ -48,7 +48,8 @@ def netlist(
 
         harvester netlist paper --set run.duration=100 --output paper.cir
     """
-    write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
+    for path in write(scene, "deck", output, dialect=dialect, step=step, realization=realization):
+        say(f"written: {path}")
 
 
 def export(

@@ -245,7 +245,7 @@ def note_on_steps(precision: float, step_error: float) -> str:
         return ""
     return (
         f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
-        "asked for: choose --step fine or finest"
+        "asked for: choose step = fine or finest"
     )
 
 
@@ -298,14 +298,16 @@ def relative_error(estimate: Estimate | None) -> float:
 
 def not_balanced(residual: float) -> EnergyNotBalanced:
     """The error of a run whose energy balance leaves this share."""
-    return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step")
+    return EnergyNotBalanced(
+        f"the energy balance leaves {abs(residual):.0%}: choose a shorter step"
+    )
 
 
 def residual_notes(residual: float) -> list[str]:
     """Notes on a residual of the energy balance."""
     if abs(residual) <= NOTED_RESIDUAL:
         return []
-    return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
+    return [f"energy balance residual {residual:.1%}: choose a shorter step"]
 
 
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:

@@ -84,7 +84,7 @@ def _write_one(result, path):
         write_netcdf(path, result.to_xarray())
     elif path.suffix not in ENDINGS:
         raise HarvesterError(
-            f"save: {path}: its ending says the kind: .json, {', '.join(ENDINGS)}, or none: a folder"
+            f"save: {path}: its ending says the kind: .json, {', '.join(ENDINGS)}, or none"
         )
     else:
         figure = result.figure()

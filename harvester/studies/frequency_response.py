@@ -237,7 +237,7 @@ class FrequencyResponse(ResultBase):
             where = self.frequencies[np.nanargmax(costs) % self.frequencies.size]
             lines.append(
                 f"the steps cost powers {least:.1g} to {most:.1g} %, most at {where:.4g} Hz; "
-                "--step fine costs a sixteenth of that or less"
+                "step = fine costs a sixteenth of that or less"
             )
         for sweep in self.sweeps:
             name = self.power

@@ -16,7 +16,7 @@ from harvester.base.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing
+from harvester.scene.steps import has_own_knots, knot_spacing
 from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
@@ -223,15 +223,15 @@ def _with_storage(points):
     return points, (
         f"storage capacitor of {', '.join(dict.fromkeys(changed))}: the netlist's own, or what "
         f"charges with a time constant of settle/{CHARGING_TIMES:g} = "
-        f"{settle / CHARGING_TIMES:g} s where that is smaller; --sweep load.parameters.storage="
-        "VALUE sets another",
+        f"{settle / CHARGING_TIMES:g} s where that is smaller; swept values of "
+        "load.parameters.storage set others",
     )
 
 
 def _on_common_knots(points):
     """All points with the finest spacing of any: else they would not share their noise."""
     spacings = [knot_spacing(prepared(point.scene)) for point in points]
-    if min(spacings) == max(spacings) and not hasattr(points[0].scene.excitation, "knot_spacing"):
+    if min(spacings) == max(spacings) and has_own_knots(points[0].scene):
         return points
     try:
         change = {"excitation.knot_spacing": min(spacings)}

@@ -462,7 +462,7 @@ def load_study(
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
-    with open_runner(**running) as runner:
+    with open_runner(**running) as runner, runner.in_stages() as stages:
         # Asked here already, so that a machine without ngspice says so before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
@@ -470,8 +470,11 @@ def load_study(
             evaluating(node.scene, point_method, runner.version(point_method.name), aim)
             for node, point_method in zip(grid.points, methods, strict=True)
         ]
-        with runner.reserving(work.PROOF_SHARE if judge else 0.0):
+        share = work.PROOF_SHARE if judge else 0.0
+        stages.begin(0.0, 1.0 - share, "")
+        with runner.reserving(share):
             evaluations = runner.follow(plans)
+        stages.begin(1.0 - share, 1.0, "cross-check")
         proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
     return work.LoadStudy(
         grid=grid,
@@ -657,7 +660,6 @@ def optimum(
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
     from harvester.engines.opening import open_runner
-    from harvester.engines.progress import Stages
     from harvester.statistics.output_side import RATIOS
     from harvester.studies.answers import check_quantities, checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
@@ -687,8 +689,6 @@ def optimum(
         raise HarvesterError("--evaluations: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
-    progress = running.pop("progress", None)
-    stages = Stages(progress or (lambda share, words: None))
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
         load = scene.load.circuit
@@ -704,8 +704,7 @@ def optimum(
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
     with contextlib.ExitStack() as opened:
         runner = opened.enter_context(open_runner(**running))
-        if progress:
-            opened.enter_context(runner.reporting_to(stages))
+        stages = opened.enter_context(runner.in_stages())
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:

@@ -460,14 +460,14 @@ class SpectrumAnalysis(ResultBase):
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
             f"at Q = {QUALITY:g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
-            + (": take more --breakpoints" if abs(share) > NOTED_DEPARTURE else "")
+            + (": take more breakpoints" if abs(share) > NOTED_DEPARTURE else "")
             if self.profile.size
             else "no specification: the density is one line; take a sine instead"
         )
         if self.profile.size and self.resolved_from > self.profile[0, 0]:
             lines.append(
                 f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
-                f"device of Q = {QUALITY:g}: take a longer record, or --duration of a scene"
+                f"device of Q = {QUALITY:g}: take a longer record, or duration of a scene"
             )
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:

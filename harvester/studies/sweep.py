@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging.closures import CLOSURES
+from harvester.averaging.closures import CLOSURES, notes_on_errors
 from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error, written
@@ -23,7 +23,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 
@@ -171,14 +171,14 @@ class Sweep(ResultBase):
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
         notes = placed_notes(
-            (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
-            for point, cell in self.places()
+            (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
         )
         settings = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
+            *notes_on_errors(self.methods),
             f"{', '.join(self.methods)}: {settings}, the same noise everywhere; "
             f"{self.seconds:.1f} s",
         ]
@@ -193,11 +193,17 @@ class Sweep(ResultBase):
         by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
         point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]
-        values = zip(self.values, point, strict=True)
-        where = ", ".join(f"{key} = {in_words(value)}" for key, value in values)
         return (
             f"highest {name.replace('_', ' ')}: "
-            f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"
+            f"{with_error(best, unit_of(self.scene, best.dimension))} at {self._where(point)}, "
+            f"by {cell.method}"
+        )
+
+    def _where(self, point, between=" = "):
+        """The values of a place with their units, and the keys in front of them."""
+        return ", ".join(
+            f"{key + between if between else ''}{value_words(key, value, self.scene.units)}"
+            for key, value in zip(self.values, point, strict=True)
         )
 
     def to_dict(self) -> dict[str, Any]:

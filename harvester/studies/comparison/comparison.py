@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from harvester.averaging.closures import notes_on_errors
 from harvester.base.formatting import NOT_KNOWN, Printed, share_with_error, written
 from harvester.base.serialising import plain
 from harvester.base.symbols import definitions
@@ -244,9 +245,10 @@ class Comparison(ResultBase):
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         lines += [*device_line(self.scene), *definitions(self.compared)]
         if self.closures:
+            lines += notes_on_errors(self.closures)
             lines.append(
-                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, "
-                "as a share and in standard errors of Monte Carlo alone"
+                "in brackets a closure's deviation from Monte Carlo, as a share and in standard "
+                "errors of Monte Carlo alone"
             )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 

@@ -128,8 +128,8 @@ class Basins(ResultBase):
             f"the excitation or more; {self.seconds:.2f} s",
             f"plane of the starts: {self._axis('displacement', self.displacements)}, "
             f"{self._axis('velocity', self.velocities)}, with an "
-            "empty transducer at the beginning of a period of the excitation; --displacement and "
-            "--velocity set others",
+            "empty transducer at the beginning of a period of the excitation; `displacement` "
+            "and `velocity` set others",
             *orbit_sentences(self.orbits, self.unit),
             "a share is that of the starts on this grid: another grid has other shares",
         ]
