@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError, UnknownOption, UnknownQuantity
 from harvester.base.numbers import is_real, is_whole, on_quotes
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import named, nearest, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,10 +52,10 @@ def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
         # A tuple of whole numbers, or one whole number behind others, may be meant for a range.
         mixed = isinstance(values, tuple) or not all(is_whole(item, item) for item in items)
         if mixed and not math.isclose(high - low, count - high):
+            read = f"{low:g}, {high:g}, {count}"
             raise HarvesterError(
-                f"{where} = {shown(values)}: three values, or {count} from {low:g} to {high:g}? "
-                f"write [{low:g}, {high:g}, {count}.0], or numpy.linspace({low:g}, {high:g}, "
-                f"{count})"
+                f"{where} = {shown(values)}: three values or a range? write [{read}.0], or "
+                f"numpy.linspace({read})"
             )
     return items
 
@@ -81,14 +81,18 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     return dict(values)
 
 
-def check_known(
-    function: str, options: Iterable[str], known: Collection[str], hint: str = ""
-) -> None:
-    """Refuse the first option that a function does not have, by UnknownOption with the nearest."""
+def unknown(text: str, name: object, known: Iterable[Any], kind: type = HarvesterError) -> Any:
+    """The error about a name that is not known: the nearest one, and all that there are."""
+    names = [str(item) for item in itertools.islice(known, MOST_NAMED + 1)]
+    listed_names = ", ".join([*names[:MOST_NAMED], *["…"] * (len(names) > MOST_NAMED)]) or "none"
+    return kind(f"{text} {named(name)}{nearest(name, names)}; there are {listed_names}")
+
+
+def check_known(function: str, options: Iterable[str], known: Collection[str]) -> None:
+    """Refuse the first option that a function does not have, by UnknownOption."""
     for option in options:
         if option not in known:
-            hint = hint or nearest(option, known) or f"; there are {', '.join(known)}"
-            raise UnknownOption(f"{function}: no option {option}{hint}")
+            raise unknown(f"{function}: no option", option, known, UnknownOption)
 
 
 class Named(dict):
@@ -102,20 +106,13 @@ class Named(dict):
         self.where = where
 
     def __missing__(self, name: object) -> Any:
-        names = [str(known) for known in itertools.islice(self, MOST_NAMED)]
-        more = ", …" * (len(self) > MOST_NAMED)
-        raise UnknownQuantity(
-            f"{self.where} {shown(name)}{nearest(name, names)}; there are "
-            f"{', '.join(names) or 'none'}{more}"
-        )
+        raise unknown(self.where, name, self, UnknownQuantity)
 
 
 def check_name(what: str, name: str, known: Collection[str]) -> str:
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
-        raise HarvesterError(
-            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
-        )
+        raise unknown(f"unknown {what}", name, known)
     return name
 
 
@@ -139,10 +136,7 @@ def check_processes(options: Mapping[str, Any]) -> None:
     """Refuse an executor or a runner that takes no calls, by HarvesterError."""
     executor, runner = options.get("executor"), options.get("runner")
     if executor is not None and not hasattr(executor, "submit"):
-        raise HarvesterError(
-            f"executor = {shown(executor)}: has no method submit; give a "
-            "concurrent.futures.Executor"
-        )
+        raise HarvesterError(f"executor = {shown(executor)}: give a concurrent.futures.Executor")
     runs = hasattr(runner, "answer") or hasattr(getattr(runner, "pool", runner), "map")
     if runner is not None and not runs:
         raise HarvesterError(f"runner = {shown(runner)}: give a WorkerPool or a Runner")

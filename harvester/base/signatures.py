@@ -98,41 +98,13 @@ def pair_of(read: Callable[[str], Any], alone: bool = False) -> Callable[[str], 
     return pair
 
 
-def range_of(text: str) -> tuple[float, float]:
-    low, high = map(number, text.split(":"))
+def range_of(text: str, read: Callable[[str], float] = number) -> tuple[float, float]:
+    low, high = map(read, text.split(":"))
     return low, high
-
-
-def window_of(text: str) -> tuple[float, float]:
-    """Two times in seconds from START:END, or from "all" those of the whole run."""
-    start, stop = (0.0, math.inf) if text == "all" else map(float, text.split(":"))
-    return start, stop
-
-
-def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings: words with = belong to the file before them."""
-    files: list[tuple[str, dict[str, Any]]] = []
-    for word in words:
-        if not files or "=" not in word:
-            files.append((word, {}))
-            continue
-        name, value = pair_of(str)(word)
-        if not name:
-            raise ValueError(word)
-        # Keys of the scene take numbers, columns any name.
-        settings = files[-1][1]
-        settings[name] = value
-        with contextlib.suppress(ValueError):
-            settings[name] = number(value) if "." in name else value
-    return files
 
 
 def as_list(values: list[Any], option: str) -> list[Any]:
     return values
-
-
-def together(lists: list[list[Any]], option: str) -> list[Any]:
-    return [item for items in lists for item in items]
 
 
 def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
@@ -142,29 +114,6 @@ def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
         if keys.count(key) > 1:
             raise HarvesterError(f"{option} {named(key)}: is there twice")
     return dict(pairs)
-
-
-def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings, all of them different."""
-    seen: list[tuple[str, dict[str, Any]]] = []
-    for file, settings in together(lists, option):
-        # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
-        one = (os.path.realpath(file), settings)
-        if one in seen:
-            raise HarvesterError(
-                f"{option} {named(file)}: is given twice with the same settings, and each record "
-                "counts once: leave one out"
-            )
-        seen.append(one)
-    return together(lists, option)
-
-
-def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
-    """One file with its settings."""
-    record, *others = together(lists, option)
-    if others:
-        raise HarvesterError(f"{option} {named(others[0][0])}: one file is read, with NAME=VALUE")
-    return record
 
 
 def _positive(value: Any) -> bool:
@@ -234,7 +183,11 @@ Ranges = Annotated[
 ]
 Window = Annotated[
     tuple[float, float] | str,
-    Kind("START:END|all", "written as START:END, in s, or all", read=window_of),
+    Kind(
+        "START:END|all",
+        "written as START:END, in s, or all",
+        read=lambda text: (0.0, math.inf) if text == "all" else range_of(text, float),
+    ),
 ]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", join=as_list)]
 Faults = Annotated[Sequence[str], Kind("FAULT", join=as_list)]

@@ -144,7 +144,7 @@ class Explorer:
         result = self._simulated(scene)
         densities, refusal = _answer(solving)
         view = SliderSetting(scene, result, densities, refusal, math.nan)
-        self.picture = figures.picture(_draw, view, "png")
+        self.picture = figures.image(view.figure(), "png")
         self.view = replace(view, seconds=time.perf_counter() - clock)
         return self.view
 

@@ -276,10 +276,10 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            errors = density.standard_error
-            for k, centre in enumerate(density.centre):
-                error = None if errors is None else errors[k] / scale
-                rows.append([name, centre * scale, density.density[k] / scale, error, unit])
+            centre, errors = density.centre * scale, density.standard_error
+            errors = [None] * centre.size if errors is None else errors / scale
+            columns = zip(centre, density.density / scale, errors, strict=True)
+            rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)
 
     def view(self) -> View:
@@ -309,7 +309,11 @@ class Result(ResultBase):
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
         printed = self._numbers()
-        reasons = {name: _why_bare(estimate) for name, estimate in printed.items()}
+        # A value without an error bar has a note that says why.
+        reasons = {
+            name: CONSTANT if mean.standard_error == 0.0 and not mean.note else mean.note
+            for name, mean in printed.items()
+        }
         bare = any(reasons.values())
         header += ["no error bar because"] * bare
         rows = []
@@ -322,23 +326,16 @@ class Result(ResultBase):
                     unit,
                     self.printed(estimate, factor),
                     *([] if numerical else [count(estimate.effective_sample_size)]),
-                    *[reasons[name]] * bare,
+                    *[reasons[name].removeprefix("no error bar: ")] * bare,
                 ]
             )
         return header, rows
 
     def _records(self):
         """Header and a row for each quantity, in the scene's units."""
-        header = ["quantity", "estimate", "standard_error", "effective_sample_size", "unit", "note"]
-        return header, [
-            [
-                name,
-                estimate.estimate,
-                estimate.standard_error,
-                estimate.effective_sample_size,
-                self.unit(estimate.dimension),
-                estimate.note,
-            ]
+        keys = ["estimate", "standard_error", "effective_sample_size", "unit", "note"]
+        return ["quantity", *keys], [
+            [name, *(getattr(estimate, key) for key in keys)]
             for name, estimate in self.quantities.items()
         ]
 
@@ -412,13 +409,6 @@ class Result(ResultBase):
         if self.netlist_sha256:
             sentences.append(f"netlist {self.netlist_sha256[:12]}")
         return sentences
-
-
-def _why_bare(estimate):
-    """Why a row of the table has no error bar; empty where it has one."""
-    if estimate.standard_error == 0.0 and not estimate.note:
-        return CONSTANT
-    return estimate.note.removeprefix("no error bar: ")
 
 
 def _add_density(variables, name, axes, density, scale, unit):

@@ -48,8 +48,10 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
             justify: Literal["left", "right"] = "left" if words else "right"
-            heading = _folded(header[k], widths[k] + wider)
-            block.add_column(heading, justify=justify, width=widths[k] + wider, overflow="fold")
+            heading, space = header[k], widths[k] + wider
+            if _longest_word(heading) > space:
+                heading = heading.replace(".", ".\n")
+            block.add_column(heading, justify=justify, width=space, overflow="fold")
         for row in rows:
             block.add_row(*(row[k] for k in columns))
         blocks.append(block)
@@ -80,11 +82,6 @@ def _widths(header, rows, keys, width):
         words = max((_longest_word(row[k]) for row in rows), default=1)
         widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
     return widths
-
-
-def _folded(name, width):
-    """A heading, broken after its dots if one of its words is wider than the column."""
-    return name.replace(".", ".\n") if _longest_word(name) > width else name
 
 
 def _with_footnotes(rows, keys):

@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.arguments import Named
-from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, Printed
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import json_text, named, nearest, one_line
+from harvester.base.plain_text import json_text, one_line
 from harvester.base.serialising import fields_of
 from harvester.base.tables import require_xarray, write_csv
 from harvester.results import figures
@@ -194,18 +193,14 @@ class ResultBase(ABC):
 
         Raises
         ------
-        HarvesterError
+        UnknownQuantity
             The result has no figure of this name.
         """
         pictures = self.view().pictures
-        chosen = [picture for picture in pictures if name in ("", picture.name)]
-        if name and not chosen:
-            names = [picture.name for picture in pictures if picture.name]
-            raise HarvesterError(
-                f"figure {named(name)}: no such figure{nearest(name, names)}; there are "
-                f"{', '.join(names) or 'none with a name'}"
-            )
-        return chosen[0].figure() if chosen else None
+        if not name:
+            return pictures[0].figure() if pictures else None
+        by_name = {picture.name: picture for picture in pictures if picture.name}
+        return Named(f"{type(self).__name__}: no figure", by_name)[name].figure()
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""
@@ -327,7 +322,9 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
         has_ends = any(cell.ends for cell in printed)
         if not has_ends or any(math.isfinite(cell.value) for cell in printed):
             columns[f"{words}{suffix}"] = (
-                [_unit_of(row) for row in rows] if name == "unit" else _values(cells)
+                [next((cell.unit for cell in row if getattr(cell, "unit", "")), "") for row in rows]
+                if name == "unit"
+                else _values(cells)
             )
         for k, end in enumerate(("low", "high") if has_ends else ()):
             pairs = [getattr(cell, "ends", None) for cell in cells]
@@ -346,11 +343,6 @@ def _values(cells):
     numeric = any(isinstance(cell, Printed) for cell in cells)
     values = [cell.value if isinstance(cell, Printed) else cell for cell in cells]
     return [None if numeric and value == "" else value for value in values]
-
-
-def _unit_of(row):
-    """Unit of a row's values, which are printed with a prefix."""
-    return next((cell.unit for cell in row if isinstance(cell, Printed) and cell.unit), "")
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

@@ -58,17 +58,18 @@ def _with_progress(
             yield {**options, "progress": bar}
 
 
-def _instead(option, accepted):
-    """What is meant by an option of a command's spelling, or by a key of the scene."""
+def _refuse_meant(function, option, accepted):
+    """Refuse an option by its command's spelling, and one that is a key of the scene."""
     from harvester.scene.tables import all_keys
 
-    for name, item in accepted.items():
-        if item.kind.option == option:
-            return f" (did you mean {name}?)"
-    for key in all_keys():
-        if key.partition(".")[2] == option:
-            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
-    return ""
+    meant = [f" (did you mean {n}?)" for n, item in accepted.items() if item.kind.option == option]
+    meant += [
+        f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+        for key in all_keys()
+        if key.partition(".")[2] == option
+    ]
+    if meant:
+        raise UnknownOption(f"{function}: no option {option}{meant[0]}")
 
 
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
@@ -90,8 +91,8 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options.keys() - accepted.keys():
-            known = [item for item in accepted if item != "scene"]
-            check_known(name, [option], known, _instead(option, accepted))
+            _refuse_meant(name, option, accepted)
+        check_known(name, options, [item for item in accepted if item != "scene"])
         with (
             usual_arithmetic(),
             named_as_called(function),
