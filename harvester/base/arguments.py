@@ -36,17 +36,20 @@ def usual_arithmetic() -> np.errstate:
     return np.errstate(**(USUAL | lenient))
 
 
-def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
+def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    `example`: how it is written. Raises HarvesterError for a text, for what is no list,
-    and for a list without an end.
+    `example`: how it is written; `kind`: class of all values. Raises HarvesterError for a text, for
+    what is no list, for a value of another kind, and for a list without an end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
     items = tuple(itertools.islice(values, MOST_VALUES + 1))
     if len(items) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
+    wrong = [item for item in items if not isinstance(item, kind)]
+    if wrong:
+        raise HarvesterError(f"{where}: {shown(wrong[0])}: is no {kind.__name__}; write {example}")
     if len(items) == 3 and all(map(is_real, items)) and is_whole(items[2], FEWEST_POINTS):
         low, high, count = items
         # A tuple of whole numbers, or one whole number behind others, may be meant for a range.

@@ -22,9 +22,13 @@ class Method(ABC):
     """
 
     def __new__(cls, *settings: Any, **named: Any) -> Self:
-        check_known(cls.__name__, named, [field.name for field in fields(cls)])
-        if len(settings) > len(fields(cls)):
-            raise UnknownOption(f"{cls.__name__}: has {len(fields(cls))} settings; name them")
+        from harvester.base.signatures import check_options
+
+        names = [field.name for field in fields(cls)]
+        check_known(cls.__name__, named, names)
+        if len(settings) > len(names):
+            raise UnknownOption(f"{cls.__name__}: has {len(names)} settings; name them")
+        check_options(cls.__init__, {**dict(zip(names, settings, strict=False)), **named})
         return super().__new__(cls)
 
     @property

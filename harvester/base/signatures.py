@@ -98,9 +98,15 @@ def pair_of(read: Callable[[str], Any], alone: bool = False) -> Callable[[str], 
     return pair
 
 
-def range_of(text: str, read: Callable[[str], float] = number) -> tuple[float, float]:
-    low, high = map(read, text.split(":"))
+def range_of(text: str) -> tuple[float, float]:
+    low, high = map(number, text.split(":"))
     return low, high
+
+
+def window_of(text: str) -> tuple[float, float]:
+    """Two times in seconds from START:END, or from "all" those of the whole run."""
+    start, stop = (0.0, math.inf) if text == "all" else map(float, text.split(":"))
+    return start, stop
 
 
 def as_list(values: list[Any], option: str) -> list[Any]:
@@ -183,11 +189,7 @@ Ranges = Annotated[
 ]
 Window = Annotated[
     tuple[float, float] | str,
-    Kind(
-        "START:END|all",
-        "written as START:END, in s, or all",
-        read=lambda text: (0.0, math.inf) if text == "all" else range_of(text, float),
-    ),
+    Kind("START:END|all", "written as START:END, in s, or all", read=window_of),
 ]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", join=as_list)]
 Faults = Annotated[Sequence[str], Kind("FAULT", join=as_list)]

@@ -142,12 +142,11 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     if not nodes and not sys.stdin.isatty():
         raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
     if not nodes:
-        asked = "harvester's two and the output's two, P,N,OUT,REF: "
-        print(f"{listed}\n{asked}", end="", file=sys.stderr)
-    node_names = nodes or sys.stdin.readline()
+        print(f"{listed}\nharvester's two and the output's, P,N,OUT,REF: ", end="", file=sys.stderr)
+        nodes = sys.stdin.readline()
     stem = Path(file if is_stream(output) else output).stem
     name = re.sub(r"\W", "_", stem).lower()
-    converted = imported(text, name, _words(node_names), _words(remove), Path(file).name)
+    converted = imported(text, name, _words(nodes), _words(remove), Path(file).name)
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
     # Messages name the lines of the netlist, as the load is not written yet.
     lines = enumerate(converted.cards, start=1)

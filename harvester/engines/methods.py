@@ -14,6 +14,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real
 from harvester.base.registry import Registry
+from harvester.base.signatures import Share
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -126,7 +127,7 @@ class Circuit(Engine):
     source: str = "external"
     device: str = "automatic"
     copies: int | None = None
-    tolerance: float | None = None
+    tolerance: Share | None = None
     gmin: float = 0.0
     cshunt: float = 0.0
     ramp: float = 0.0

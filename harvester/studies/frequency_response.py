@@ -445,7 +445,7 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     """
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
-    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
+    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]', str)
     available = quantities_of(scene)
     usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))
     return tuple(check_name("quantity", name, available) for name in chosen) or usual

@@ -101,7 +101,9 @@ def make_grid(
     HarvesterError
         An unknown key or load, a value out of range, a load given twice.
     """
-    loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
+    written = 'loads=["bridge"]'
+    loads = [str(k) if isinstance(k, Path) else k for k in listed(loads, "loads", written)]
+    loads = listed(loads, "loads", written, str) or (OWN_LOAD,)
     sweeps = {
         key: listed(levels, f"over[{key!r}]", "[0.1, 0.2]")
         for key, levels in table(sweeps, "over", GRID_WRITTEN).items()

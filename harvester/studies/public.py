@@ -296,12 +296,14 @@ def spectrum(
     if not isinstance(source, (str, Path)) or name.endswith(".toml") or name in built_in_names():
         for option, value in {"device": device, "column": column, "unit": unit}.items():
             if value is not None:
-                raise HarvesterError(f"{option}: is for a record, and {source} is a scene")
+                of_scene = getattr(source, "name", source)
+                raise HarvesterError(f"{option}: is for a record, and {of_scene} is a scene")
         return work.of_scene(scene_of(source), duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is taken whole")
     number: Any = int(column) if column is not None and column.isdigit() else column
-    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
+    faults = [*listed(mend, "mend", 'mend=["nan"]', str)]
+    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": faults}
     of_device = None if device is None else scene_of(device)
     return work.of_record(name, keys, of_device, resolution, breakpoints)
 
@@ -361,13 +363,13 @@ def sweep(
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
-    methods = tuple(listed(methods, "methods", 'methods=["monte-carlo"]'))
+    methods = listed(methods, "methods", 'methods=["monte-carlo"]')
     chosen = [item if isinstance(item, Method) else method_of(item, step=step) for item in methods]
     names = [method.name for method in chosen]
     labels = tuple(m.label if names.count(m.name) > 1 else m.name for m in chosen)
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
-    quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
+    quantities = listed(quantities, "quantities", 'quantities=["mean_power"]', str)
     grid = make_grid(scene, (), over, any_key=True)
     check_quantities(quantities, [point.scene for point in grid.points], chosen)
     requests = [
