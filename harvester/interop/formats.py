@@ -46,7 +46,7 @@ def write(
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Called with notes on what is written, in a line each.
+        Called with notes on what is written and with the names of the files, in a line each.
     **options
         Options of the format; None stands for the format's default.
 
@@ -75,4 +75,7 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
-    return writer(scene, output, **arguments)
+    paths = writer(scene, output, **arguments)
+    for path in paths:
+        report(f"written: {path}")
+    return paths
