@@ -17,7 +17,7 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.rivals import Rival, proposed
-from harvester.identification.unknowns import BASE_FACTOR, MASS
+from harvester.identification.unknowns import BASE_FACTOR, MASS, factor_of
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ResponseRecord,
@@ -203,6 +203,8 @@ class Identification(ResultBase):
         model, rows = rival or self.fitted, []
         unclear = {key for direction in model.undetermined for key in direction.keys}
         for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
+            if factor_of(key):
+                continue
             printed = value_and_error(value, HALF_INTERVAL * error)
             state = "identified" if rival else self._state(key)
             if key in unclear:

@@ -19,9 +19,9 @@ band.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -108,35 +108,18 @@ def _ridge(normal):
     return SMALLEST_EIGENVALUE * np.diag(sizes)
 
 
-def normal_equations(
-    shooting: Shooting,
-    fit: ShootingFit,
-    changed: Sequence[Mapping[int, Any]] = (),
-    change: float = 1.0,
-) -> NormalEquations:
-    """Sums of a fit's Jacobian, in sizes of the unknowns.
-
-    Parameters
-    ----------
-    changed : sequence of dict of int to experiment
-        For each value that the fit takes as known, and that adds a column: the experiments with
-        the value changed, by their numbers.
-    change : float
-        Relative change of these values.
-    """
+def normal_equations(shooting: Shooting, fit: ShootingFit) -> NormalEquations:
+    """Sums of a fit's Jacobian, in sizes of the unknowns."""
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
         states, left = table[..., p : p + 3], table[..., -1]
-        moved = [_residual_change(shooting, fit, number, left, known) for known in changed]
-        further = [values[..., None] / change for values in moved]
-        effects = np.concatenate([table[..., :p], *further], axis=-1)
-        parts.append((without_states(effects, states, edges - edges[0]), states, left))
+        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, left))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
     inverse = _inverse(normal + _ridge(normal))
-    # Residuals that an error of a known value has caused are no noise.
-    step = -inverse @ gradient if changed else 0.0 * gradient
+    # Residuals that an error of a value has caused are no noise.
+    step = -inverse @ gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
@@ -159,17 +142,6 @@ def normal_equations(
             )
         )
     return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
-
-
-def _residual_change(shooting, fit, number, left, changed):
-    """Change of an experiment's residuals with another value of what is taken as known."""
-    if number not in changed:
-        return 0.0 * left
-    responses, experiments = shooting.responses, list(shooting.responses.experiments)
-    experiments[number] = changed[number]
-    problem = shooting.beside(responses.replaced(experiments, responses.keys), shooting.unknowns)
-    moved, _ = problem.residuals_of(fit, number)
-    return 0.0 * left if moved is None else moved - left
 
 
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:

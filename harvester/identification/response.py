@@ -44,7 +44,7 @@ from harvester.identification.sensors import (
     parallel,
     without_memory,
 )
-from harvester.identification.unknowns import BASE_FACTOR, LOAD, with_values
+from harvester.identification.unknowns import BASE_FACTOR, LOAD, factor_of, with_values
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.units import Scales
@@ -173,8 +173,11 @@ class Responses:
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene
-        unit = {"length_scale": self.length} if scene.units == "SI" else {}
-        changed = with_values(scene, self.keys, values, unit)
+        others = {"length_scale": self.length} if scene.units == "SI" else {}
+        for key, factor in self._factors(number, values).items():
+            if not key.startswith("sensor."):
+                others[key] = factor * numbers(scene)[key][0]
+        changed = with_values(scene, self.keys, values, others)
         if changed is None:
             return None
         probe = self._sensor(number, values, "sensor.voltage_resistance")
@@ -321,7 +324,13 @@ class Responses:
         """A sensor's effect: free, or as given for this record."""
         if key in self.keys:
             return values[self.keys.index(key)]
-        return self.experiments[number].measurement.sensors.get(key, neutral(key))
+        known = self.experiments[number].measurement.sensors.get(key, neutral(key))
+        return known * self._factors(number, values).get(key, 1.0)
+
+    def _factors(self, number, values):
+        """Factors of values that one experiment has as known, by their keys."""
+        factors = ((factor_of(key), value) for key, value in zip(self.keys, values, strict=True))
+        return {of[0]: float(value) for of, value in factors if of and number in of[1]}
 
     def shown(self, number: int, values: np.ndarray) -> Measurement:
         """A record with the sensors' effects removed from its outputs, except delays and

@@ -157,18 +157,16 @@ def _longest(fit):
     return np.array([np.diff(edges).max() for edges in fit.edges])
 
 
-def settle_windows(
+def in_short_windows(
     shooting: Shooting,
     fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> ShootingFit:
-    """Fit the starts of windows in other stretches of the records, the device's values fixed.
+    """Shortest windows in other stretches of the records, started where a fit's values fit best.
 
     Parameters
     ----------
-    shooting : Shooting
-        A problem without unknowns of the device.
     fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
@@ -186,9 +184,7 @@ def settle_windows(
         everywhere = np.ones(cut.size - 1, bool)
         span = reach or reach_of(shooting.states(fit, number)[:, 0])
         begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
-    if not shooting.linearized(begun):
-        return begun
-    return followed(shooting, begun)
+    return begun
 
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
@@ -211,7 +207,9 @@ def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
+def followed_anew(
+    shooting: Shooting, begun: ShootingFit, rival: float = np.inf
+) -> ShootingFit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:

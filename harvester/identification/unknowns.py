@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -34,7 +34,8 @@ BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Word for all keys that are free by default.
 DEVICE = "device"
 MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
-ORIGIN = FORCE.format(0)
+ORIGIN, DRAG = FORCE.format(0), "oscillator.quadratic_damping"
+SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
@@ -132,6 +133,9 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     specified = numbers(scene)
     result = []
     for key in keys:
+        if factor_of(key):
+            result.append(Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0))
+            continue
         if key.startswith("sensor."):
             result.append(_of_sensor(key, sizes))
             continue
@@ -142,6 +146,28 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
             low += SMALLEST_SHARE * size
         result.append(Unknown(key, float(start), low, spec.high, size))
     return result
+
+
+def as_coefficients(keys: Sequence[str]) -> list[str]:
+    """Keys with a spring's values as coefficients of powers."""
+    return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
+
+
+def power_of(key: str) -> int:
+    """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
+    index = key.removeprefix(FORCE[:-3]).rstrip("]")
+    return SHORT_NAMES.get(key, 0) or (int(index) if index.isdigit() else 0)
+
+
+def factor_key(key: str, records: Iterable[int]) -> str:
+    """Key of a factor by which a known value of these records (numbers) is multiplied."""
+    return f"{key}@{','.join(map(str, records))}"
+
+
+def factor_of(key: str) -> tuple[str, list[int]] | None:
+    """Key of the known value that a factor multiplies, and its records; None of other keys."""
+    name, _, records = key.partition("@")
+    return (name, [int(number) for number in records.split(",")]) if records else None
 
 
 def _of_sensor(key, sizes):
@@ -165,7 +191,7 @@ def with_values(
     changes = {
         key: float(value)
         for key, value in zip(keys, values, strict=True)
-        if not key.startswith("sensor.")
+        if not key.startswith("sensor.") and not factor_of(key)
     }
     try:
         return scene.replace({**changes, **others})

@@ -11,7 +11,6 @@ than chance.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -21,7 +20,6 @@ from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.measurement import frequencies
 from harvester.identification.response import NO_STATES, Responses
-from harvester.identification.search import settle_windows
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import Shooting, ShootingFit, without_states
 from harvester.scene.units import load_resistance
@@ -415,50 +413,22 @@ def within(measured: Estimate, expected: Estimate) -> bool:
     return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
 
 
-def predicted(
-    shooting: Shooting,
-    fit: ShootingFit,
-    parts: Sequence[tuple[int, int]],
-    reach: tuple[float, float] | None = None,
-) -> tuple[list[ValidationRecord], ShootingFit]:
-    """Motion and outputs of the fitted device in a part of each experiment.
-
-    Parameters
-    ----------
-    parts : sequence of (int, int)
-        First sample, and that behind the last.
-    reach : (float, float), optional
-        Scaled displacements between which the mass is looked for.
-
-    Returns
-    -------
-    list of ValidationRecord
-    ShootingFit
-        The windows of the parts with their starts.
-    """
-    settled = settle_windows(shooting.frozen(), fit, parts, reach)
-    responses, predictions = shooting.responses, []
-    for number, edges in enumerate(settled.edges):
-        experiment = responses.experiments[number]
-        starts = settled.starts[number]
-        _, _, windowed = responses.states(number, fit.values, edges, starts)
-        span = edges[[0, -1]]
-        _, _, free = responses.states(number, fit.values, span, starts[:1])
-        measurement, scene = experiment.measurement, experiment.scene
-        predictions.append(
-            ValidationRecord(
-                name=measurement.name,
-                outputs=tuple(measurement.outputs),
-                rate=measurement.sampling_rate,
-                measured=shooting.seen(number, edges),
-                windowed=windowed,
-                free=free,
-                windows=edges.size - 1,
-                resistance=load_resistance(scene) if scene.units == "SI" else None,
-                motion=frequencies(measurement)[0],
-            )
-        )
-    return predictions, settled
+def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
+    """What a device with a fit's values does in the fit's windows of one record."""
+    responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
+    experiment = responses.experiments[number]
+    measurement, scene = experiment.measurement, experiment.scene
+    return ValidationRecord(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=measurement.sampling_rate,
+        measured=shooting.seen(number, edges),
+        windowed=responses.states(number, fit.values, edges, starts)[2],
+        free=responses.states(number, fit.values, edges[[0, -1]], starts[:1])[2],
+        windows=edges.size - 1,
+        resistance=load_resistance(scene) if scene.units == "SI" else None,
+        motion=frequencies(measurement)[0],
+    )
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
