@@ -8,12 +8,12 @@ stiffness, damping and coupling² are in proportion to the mass, which is that o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.optimize import approx_fprime, least_squares
 
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
@@ -62,13 +62,10 @@ class ButterworthVanDyke:
         ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
     covariance : ndarray
         Covariance of the parameters.
-    noise : tuple of float
-        Relative, of |Z|; of the phase (rad).
     """
 
     parameters: np.ndarray
     covariance: np.ndarray
-    noise: tuple[float, ...]
 
     @property
     def modes(self) -> int:
@@ -90,15 +87,9 @@ class ButterworthVanDyke:
 
     def standard_errors(self, mode: int) -> dict[str, float]:
         """Standard errors of `numbers`, by name."""
-        slopes = jacobian(lambda p: _numbers(p, mode), self.parameters)
+        slopes = approx_fprime(self.parameters, lambda p: _numbers(p, mode))
         variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
         return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
-
-
-def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """∂function/∂parameters by central differences, shape (values, parameters)."""
-    steps = 1e-6 * np.eye(at.size)
-    return np.array([(function(at + h) - function(at - h)) / 2e-6 for h in steps]).T
 
 
 def _numbers(parameters, mode):
@@ -112,24 +103,16 @@ def _numbers(parameters, mode):
 
 def _branches(frequency, parameters):
     """Admittances of the capacitance and of each mode, shape (n, 1 + modes)."""
-    rate = 2j * math.pi * frequency
-    columns = [rate * math.exp(parameters[0]) * (1.0 - 1j * parameters[1])]
+    columns = [2j * math.pi * frequency * math.exp(parameters[0]) * (1.0 - 1j * parameters[1])]
     for resonance, quality, motional in np.exp(parameters[2:].reshape(-1, 3)):
-        ratio = frequency / resonance
-        columns.append(rate * motional / (1.0 - ratio**2 + 1j * ratio / quality))
+        columns.append(motional * _unit_branch(frequency, resonance, quality))
     return np.column_stack(columns)
 
 
-def _slopes(frequency, parameters):
-    """∂ ln Z/∂ parameters, complex, shape (n, parameters)."""
-    branches = _branches(frequency, parameters)
-    columns = [branches[:, 0], 2.0 * math.pi * frequency * math.exp(parameters[0])]
-    for number, (resonance, quality, _) in enumerate(np.exp(parameters[2:].reshape(-1, 3)), 1):
-        ratio = frequency / resonance
-        lossy = 1j * ratio / quality
-        over = branches[:, number] / (1.0 - ratio**2 + lossy)
-        columns += [over * (lossy - 2.0 * ratio**2), over * lossy, branches[:, number]]
-    return -np.column_stack(columns) / branches.sum(axis=1)[:, None]
+def _unit_branch(frequency, resonance, quality):
+    """Admittance of a mode over its motional capacitance."""
+    ratio = frequency / resonance
+    return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
 
 def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
@@ -149,11 +132,11 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     IdentificationError
         It shows no resonance.
     """
-    parameters, left = _polished(frequency, impedance, _linear(frequency, impedance, []), _EQUAL)
+    parameters, left, _ = _polished(frequency, impedance, _linear(frequency, impedance, []))
     samples = 2 * frequency.size
     for _ in range(MOST_MODES):
         begun = _with_another(frequency, impedance, parameters)
-        trial, remaining = _polished(frequency, impedance, begun, _EQUAL)
+        trial, remaining, _ = _polished(frequency, impedance, begun)
         gained = samples * math.log(left / max(remaining, 1e-300))
         shapes = np.exp(trial[2:].reshape(-1, 3))
         inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
@@ -170,9 +153,6 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
             "where the device resonates, with its base clamped and its electrodes connected"
         )
     return _concluded(frequency, impedance, parameters)
-
-
-_EQUAL = (1.0, 1.0)
 
 
 def _equations(frequency, impedance, shapes):
@@ -194,12 +174,6 @@ def _linear(frequency, impedance, shapes):
     for shape, motional in zip(shapes, coefficients[2:], strict=True):
         parameters += [*np.log(shape), math.log(max(motional, 1e-6 * largest))]
     return np.array(parameters)
-
-
-def _unit_branch(frequency, resonance, quality):
-    """Admittance of a mode over its motional capacitance."""
-    ratio = frequency / resonance
-    return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
 
 def _stacked(table):
@@ -236,49 +210,41 @@ def _by_frequency(parameters):
     return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
 
 
-def _polished(frequency, impedance, begun, noise):
-    """(parameters, sum of squares) of the best fit near a start, each part over its noise."""
-    from scipy.optimize import least_squares
+def _polished(frequency, impedance, begun, noise=(1.0, 1.0)):
+    """Parameters, sum of squares and solution of the best fit near a start.
 
+    Residuals are those of ln |Z| and of the phase, each over its noise.
+    """
     weights = 1.0 / np.repeat(noise, frequency.size)
-    clamp = np.full(begun.size, 700.0)
 
     def residuals(parameters):
-        admittance = _branches(frequency, np.clip(parameters, -clamp, clamp)).sum(axis=1)
+        admittance = _branches(frequency, np.clip(parameters, -700.0, 700.0)).sum(axis=1)
         return _stacked(-np.log(admittance * impedance)) * weights
-
-    def slopes(parameters):
-        return _stacked(_slopes(frequency, np.clip(parameters, -clamp, clamp))) * weights[:, None]
 
     with np.errstate(all="ignore"):
         try:
-            solution = least_squares(
-                residuals, begun, slopes, method="lm", x_scale=1.0, xtol=1e-12, ftol=1e-12
-            )
+            solution = least_squares(residuals, begun, method="lm", xtol=1e-12, ftol=1e-12)
         except ValueError:
-            return begun, math.inf
-    return _by_frequency(solution.x), float(2.0 * solution.cost)
+            return begun, math.inf, None
+    return _by_frequency(solution.x), float(2.0 * solution.cost), solution
 
 
 def _concluded(frequency, impedance, parameters):
     """The circuit with the noise of magnitude and phase as the residuals show it."""
-    noise: tuple[float, ...] = _EQUAL
+    noise = np.ones(2)
+    free = max(frequency.size - 0.5 * parameters.size, 1.0)
     for _ in range(WEIGHTINGS):
-        parameters, _ = _polished(frequency, impedance, parameters, noise)
-        off = -np.log(_branches(frequency, parameters).sum(axis=1) * impedance)
-        free = max(frequency.size - 0.5 * parameters.size, 1.0)
-        noise = tuple(
-            max(math.sqrt(float(np.sum(part**2)) / free), 1e-12) for part in (off.real, off.imag)
-        )
-    slopes = _slopes(frequency, parameters)
-    normal = np.zeros((parameters.size, parameters.size))
-    for columns, residuals, size in zip(
-        (slopes.real, slopes.imag), (off.real, off.imag), noise, strict=True
-    ):
-        normal += columns.T @ columns / (size**2 * correlation_factor(residuals))
+        parameters, _, solution = _polished(frequency, impedance, parameters, noise)
+        noise = noise * np.sqrt(np.sum(solution.fun.reshape(2, -1) ** 2, axis=1) / free)
+        noise = np.maximum(noise, 1e-12)
+    parts = zip(np.split(solution.jac, 2), solution.fun.reshape(2, -1), strict=True)
+    normal = sum(
+        slopes.T @ slopes * free / (left @ left * correlation_factor(left))
+        for slopes, left in parts
+    )
     scale = np.sqrt(np.diag(normal))
     covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-    return ButterworthVanDyke(parameters, covariance, noise)
+    return ButterworthVanDyke(parameters, covariance)
 
 
 def _check_width(frequency, circuit, mode, where):
