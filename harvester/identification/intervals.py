@@ -27,7 +27,11 @@ import numpy as np
 
 from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
-from harvester.identification.validation_record import HALF_INTERVAL, drawn_base_noise
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    autocorrelations,
+    drawn_base_noise,
+)
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
@@ -186,41 +190,29 @@ def correlation_factor(residuals: np.ndarray) -> float:
     1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
     """
     n = residuals.size
-    values = residuals - residuals.mean()
-    total, square = 1.0, float(values @ values)
-    for lag in range(1, n // 4):
-        share = float(values[lag:] @ values[:-lag]) / square if square > 0.0 else 0.0
-        if share < 3.0 / math.sqrt(n):
-            break
-        total += 2.0 * share
-    return total
+    correlations = autocorrelations(residuals, n // 4 - 1)
+    below = np.append(correlations, 0.0) < 3.0 / math.sqrt(n)
+    return 1.0 + 2.0 * float(np.sum(correlations[: np.argmax(below)]))
 
 
 def _meat(columns, residuals):
     """Jᵀ Γ J of one experiment, over all pairs of outputs."""
     from scipy import signal
 
-    samples, outputs, p = columns.shape
+    samples = residuals.shape[0]
     segment = min(max(16, 2 * samples // (SEGMENTS + 1)), samples)
-    options = {"nperseg": segment, "detrend": False, "return_onesided": False}
-    spectra = np.fft.rfft(columns, axis=0)
-    frequencies = np.fft.rfftfreq(samples)
+    pairs = residuals.T[:, None], residuals.T[None]
+    f, density = signal.csd(*pairs, nperseg=segment, detrend=False, return_onesided=False)
+    spectra, frequencies = np.fft.rfft(columns, axis=0), np.fft.rfftfreq(samples)
     # Each line stands for positive and negative frequency, except the first and the last.
-    weight = np.full(frequencies.size, 2.0)
-    weight[0] = 1.0
+    weight = np.full(frequencies.size, 2.0 / samples)
+    weight[0] = 1.0 / samples
     if samples % 2 == 0:
-        weight[-1] = 1.0
-    total = np.zeros((p, p))
-    for a in range(outputs):
-        for b in range(outputs):
-            f, density = signal.csd(residuals[:, a], residuals[:, b], **options)
-            positive = f >= 0.0
-            order = np.argsort(f[positive])
-            values = np.interp(frequencies, f[positive][order], density[positive][order])
-            products = np.einsum(
-                "k,ki,kj->ij", weight * values, spectra[:, a].conj(), spectra[:, b]
-            )
-            total += products.real / samples
+        weight[-1] = 1.0 / samples
+    total = np.zeros((columns.shape[2],) * 2)
+    for a, b in np.ndindex(density.shape[:2]):
+        values = weight * np.interp(frequencies, f[f >= 0.0], density[a, b, f >= 0.0])
+        total += (spectra[:, a].conj().T @ (values[:, None] * spectra[:, b])).real
     return 0.5 * (total + total.T)
 
 

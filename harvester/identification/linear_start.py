@@ -12,6 +12,7 @@ looked for on a grid.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.identification.measurement import Measurement
     from harvester.identification.response import Responses
+    from harvester.identification.unknowns import Unknown
     from harvester.scene.units import Scales
 
 # Frequencies below this share of the median frequency count as drift and are removed.
@@ -172,18 +174,22 @@ def as_it_is(
 
 
 def regressed(
-    responses: Responses, values: np.ndarray, number: int, drifts: bool
+    responses: Responses, unknowns: Sequence[Unknown], number: int, drifts: bool
 ) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
     ----------
-    values : ndarray
-        Values of the unknowns, used for those that a regression does not give.
+    unknowns : sequence of Unknown
+        Their bounds, and their starts for those that a regression does not give.
     drifts : bool
         Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
         wells; otherwise it only adds noise.
     """
+    values, low, high = (
+        np.array([getattr(unknown, name) for unknown in unknowns])
+        for name in ("start", "low", "high")
+    )
     tried = [
         _of_electrical(responses, values, number, factor, drifts)
         for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
@@ -193,6 +199,7 @@ def regressed(
     if best is None:
         return starts
     for changed, origin in best.results():
+        changed = np.clip(changed, low, high)
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
@@ -206,7 +213,7 @@ def regressed(
 def _with(responses, values, changes):
     changed = values.copy()
     for key, value in changes.items():
-        if key in responses.keys:
+        if key in responses.keys and np.isfinite(value):
             changed[responses.keys.index(key)] = value
     return changed
 
@@ -366,7 +373,7 @@ class _Regression:
             changes[BASE_FACTOR] = value * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
-        return _with(self.responses, self.values, self._within(changes)), shift
+        return _with(self.responses, self.values, changes), shift
 
     def _mechanical(self, found, s, coefficients):
         mass, length = self.mass, self.scales.displacement
@@ -441,20 +448,6 @@ class _Regression:
                 fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
 
-    def _within(self, changes):
-        """The changes of free values, clipped to their bounds."""
-        specs = numbers(self.scene)
-        bounded = {}
-        if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
-            bounded[BASE_SCALE] = changes[BASE_SCALE]
-        for key, value in changes.items():
-            if key in specs and key in self.responses.keys and np.isfinite(value):
-                start, spec = specs[key]
-                is_open = not spec.low_allowed and spec.low != -np.inf
-                least = spec.low + 1e-2 * abs(start) if is_open else spec.low
-                bounded[key] = min(max(value, least), spec.high)
-        return bounded
-
 
 def _powers(oscillator):
     """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
@@ -471,14 +464,15 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
+def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
+    values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
     for number, experiment in enumerate(responses.experiments):
-        starts += regressed(responses, values, number, True)
+        starts += regressed(responses, unknowns, number, True)
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift: the motion is tried without it, too.
-            starts += regressed(responses, values, number, False)
+            starts += regressed(responses, unknowns, number, False)
     system, _ = responses.known_device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs

@@ -63,6 +63,9 @@ COARSE_STEPS, FINE_STEPS = 24, 80
 INTERPOLATIONS = ("linear", "smooth")
 # Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
+# One pool for all calls: starting threads takes as long as a short simulation. The threads start
+# with the first call.
+_THREADS = ThreadPoolExecutor(os.cpu_count())
 # Start of the one window of a response, whose samples have no states.
 NO_STATES = np.zeros((1, 3))
 
@@ -133,12 +136,11 @@ def _path(samples, steps, interpolation):
 
 
 def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each, by as many threads as there are processors.
+    """A function of each item, by as many threads as there are processors.
 
-    The integrator is free of Python's lock.
+    The integrator is free of Python's lock. The function must not call this one.
     """
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, items))
+    return list(_THREADS.map(function, items))
 
 
 class Responses:
@@ -314,8 +316,6 @@ class Responses:
 
     def _corners(self, number, values, quantity):
         """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
-        if quantity not in ("acceleration", "voltage"):
-            return [0.0 for _ in HIGHPASSES]
         return [
             self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
         ]

@@ -331,18 +331,6 @@ def _next_powers(scene):
     return name, added
 
 
-def _gains(base, measurements):
-    """Gains of the channels that are neither given nor free."""
-    given = {key for record in measurements for key in record.sensors}
-    names = ("acceleration", *measurements[0].sensed)
-    keys = {name: f"sensor.{name}_scale" for name in names}
-    return [
-        _Part(f"gain of the {name}", (key,))
-        for name, key in keys.items()
-        if key not in {*given, *base.keys}
-    ]
-
-
 def _parts(base, measurements):
     """All further parts that the model may have."""
     springs = [_next_powers(base.scene)]
@@ -355,14 +343,15 @@ def _parts(base, measurements):
     outputs = list(measurements[0].sensed)
     if isinstance(measurements[0], MeasuredResponse):
         return parts
+    names = ("acceleration", *outputs)
     effects = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
     effects["delay between the channels"] = [f"sensor.{output}_delay" for output in outputs]
     effects |= {f"low-pass of the {output}": [f"sensor.{output}_filter"] for output in outputs}
     if "voltage" in outputs:
         effects["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    effects |= {f"gain of the {name}": [f"sensor.{name}_scale"] for name in names}
     taken = {*base.keys, *(key for record in measurements for key in record.sensors)}
     parts += [_Part(name, tuple(keys)) for name, keys in effects.items() if not {*keys} & taken]
-    parts += _gains(base, measurements)
     if LOAD in numbers(base.scene) and LOAD not in base.keys and "voltage" in outputs:
         parts += [
             _Part(f"load of {record.name}", (factor_key(LOAD, [number]),))

@@ -65,8 +65,7 @@ def searched(
     follow : callable
         Function of the share done.
     """
-    values = np.array([unknown.start for unknown in unknowns])
-    best, starts = None, starts_from(responses, values)
+    best, starts = None, starts_from(responses, unknowns)
     for number, start in enumerate(starts):
         follow(STARTS_SHARE * number / len(starts))
         tried = _short(responses, unknowns, start, lengths)

@@ -511,16 +511,20 @@ class Whiteness:
         return self.probability > 1e-3
 
 
+def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
+    """Autocorrelations of a series from lag 1 on; 0 of a constant."""
+    spectrum = np.abs(np.fft.rfft(values - values.mean(), 2 * values.size)) ** 2
+    series = np.fft.irfft(spectrum)[: lags + 1]
+    return series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+
+
 def _whiteness(residuals, per_period):
     """Autocorrelation of residuals over a period of so many samples."""
     from scipy.stats import chi2
 
-    values = residuals - residuals.mean()
-    n = values.size
+    n = residuals.size
     lags = int(np.clip(round(WHITE_PERIODS * per_period), 4, n // 4))
-    spectrum = np.abs(np.fft.rfft(values, 2 * n)) ** 2
-    series = np.fft.irfft(spectrum)[: lags + 1]
-    correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+    correlations = autocorrelations(residuals, lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(correlations, HALF_INTERVAL / math.sqrt(n), float(chi2.sf(statistic, lags)))
 

@@ -117,7 +117,7 @@ def test_an_impedance_gives_a_scene_up_to_its_mass(tmp_path, capsys):
     for (key, value), true in zip(found.values.items(), wanted, strict=True):
         assert abs(value - true) < 4.0 * found.standard_errors[key], key
     assert found.to_dict()["impedance"]["quality"]["interval"][0] < TRUE["quality"]
-    assert "impedance" in found.page()
+    assert "impedance" in found.texts()[".html"]
 
 
 @pytest.mark.slow
