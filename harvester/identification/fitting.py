@@ -34,7 +34,6 @@ from harvester.identification.response import (
 from harvester.identification.search import (
     COARSE,
     FINE,
-    FIRST_NOISE,
     HOPELESS,
     LAST,
     ON_THE_WAY,
@@ -195,8 +194,6 @@ GRID: Any = (
 MOST_STARTS = 4
 # These values are proportional to the mass if the motion stays the same.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
-# Relative noise of an impedance that the first fit assumes.
-FIRST_IMPEDANCE_NOISE = 0.005
 # Number of fits to records of several kinds; each weights the residuals by the noise that the
 # previous fit left.
 WEIGHTINGS = 3
@@ -382,15 +379,9 @@ def _of_lines(shooting, first, scene, count, joint):
 
 def _line_windows(experiments):
     """Edges, starts and first noise of responses and impedances: one window without states each."""
-    edges, noise = [], []
-    for sweep in experiments:
-        outputs = list(sweep.measurement.outputs.values())
-        edges.append(np.array([0, outputs[0].size]))
-        level = FIRST_IMPEDANCE_NOISE
-        if not isinstance(sweep.measurement, MeasuredImpedance):
-            level = FIRST_NOISE * float(np.sqrt(sum(np.mean(values**2) for values in outputs)))
-        noise.append(np.full(len(outputs), level))
-    return edges, [NO_STATES] * len(edges), noise
+    sweeps = [experiment.measurement for experiment in experiments]
+    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
+    return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
 
 
 def _of_mass(shooting, values, factor, scene):

@@ -27,7 +27,6 @@ from harvester.identification.intervals import covariance, student_factor
 from harvester.identification.response import COARSE_STEPS, FINE_STEPS, experiment
 from harvester.identification.search import (
     COARSE,
-    FIRST_NOISE,
     HOPELESS,
     ON_THE_WAY,
     followed,
@@ -384,7 +383,7 @@ def _problem(fitted, measurement, draw, values=None):
     known |= zip(measurement.own, () if values is None else map(float, values), strict=not keys)
     known = {key: value for key, value in known.items() if key not in keys}
     # Drawn values are of a device: the fitted records were run with them.
-    scene = with_values(fitted.scene, list(known), list(known.values())) or fitted.scene
+    scene = with_values(fitted.scene, [*known], known.values()) or fitted.scene
     sensors = {key: value for key, value in known.items() if key.startswith("sensor.")}
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
     record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
@@ -454,15 +453,12 @@ def _cost(problem, fit, noise):
 
 def _noise(fitted, measurement):
     """Noise of each output, as the fit of other records has it."""
-    known = {
-        name: level
-        for other, levels in zip(
-            fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
-        )
-        for name, level in zip(other.measurement.outputs, levels, strict=True)
-    }
-    outputs = measurement.outputs.items()
-    return np.array([known.get(name, FIRST_NOISE * np.std(values)) for name, values in outputs])
+    levels = dict(zip(measurement.outputs, measurement.assumed_noise, strict=True))
+    for other, fitted_levels in zip(
+        fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
+    ):
+        levels |= zip(other.measurement.outputs, fitted_levels, strict=True)
+    return np.array([levels[name] for name in measurement.outputs])
 
 
 def _run(problem, start, late):

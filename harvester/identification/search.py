@@ -30,8 +30,6 @@ FIRST, ON_THE_WAY, LAST = 12, 6, 40
 # A fit ends when a step would lower its cost by less than this share: in all but the last fit, and
 # in the last.
 COARSE, FINE = 1e-3, 1e-6
-# Noise that the first fit assumes, as a share of an output's rms.
-FIRST_NOISE = 0.05
 # Most windows of the first fit.
 MOST_FIRST_WINDOWS = 2000
 # A window's start is in doubt if the mean square of its residuals exceeds this multiple of the
@@ -99,8 +97,7 @@ def _short(responses, unknowns, start, lengths):
         cut = short_windows(record.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
-        outputs = record.measurement.outputs.values()
-        noise.append(np.array([FIRST_NOISE * np.std(values) for values in outputs]))
+        noise.append(record.measurement.assumed_noise)
     everywhere = [np.ones(len(states), bool) for states in begun]
     fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)

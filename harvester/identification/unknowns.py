@@ -19,6 +19,7 @@ from harvester.scene.prepared import prepared
 from harvester.scene.units import restoring_spring
 
 if TYPE_CHECKING:
+    from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -184,7 +185,7 @@ def _of_sensor(key, sizes):
 def with_values(
     scene: Scene,
     keys: Sequence[str],
-    values: np.ndarray,
+    values: Iterable[float],
     others: Mapping[str, float] = MappingProxyType({}),
 ) -> Scene | None:
     """The scene with these numbers and others; None where its own checks refuse them."""
@@ -200,7 +201,7 @@ def with_values(
 
 
 def sizes_of(
-    scene: Scene, measurements: Sequence[Measurement], reach: float, speed: float
+    scene: Scene, measurements: Sequence[Measurement | MeasuredResponse], reach: float, speed: float
 ) -> dict[str, float]:
     """Typical magnitudes of the unknowns, including the sensors', by their keys.
 
@@ -236,7 +237,9 @@ def sizes_of(
     return sizes
 
 
-def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
+def first_sizes(
+    scene: Scene, measurements: Sequence[Measurement | MeasuredResponse]
+) -> dict[str, float]:
     """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
     length = prepared(scene).scales.displacement
     speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
