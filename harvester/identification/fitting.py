@@ -37,6 +37,7 @@ from harvester.identification.search import (
     HOPELESS,
     LAST,
     ON_THE_WAY,
+    followed,
     followed_anew,
     in_short_windows,
     opened,
@@ -309,8 +310,9 @@ def fitted(
         ends = [record.acceleration.size for record in times]
         alone, windows = shooting.of_first(len(times), fit)
         spans = list(zip(_lengths(times), ends, strict=True))
-        begun = in_short_windows(alone, windows, spans)
-        settled = followed_anew(alone.frozen(), begun) or begun
+        settled, alone = in_short_windows(alone, windows, spans), alone.frozen()
+        if alone.linearized(settled):
+            settled = followed(alone, settled)
         records = [prediction(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
     kept = responses.replaced([*responses.experiments[: len(times)], *aside], keys)

@@ -16,7 +16,7 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.rivals import Rival, proposed
-from harvester.identification.unknowns import BASE_FACTOR, MASS, factor_of
+from harvester.identification.unknowns import BASE_FACTOR, factor_of
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ResponseRecord,
@@ -231,7 +231,7 @@ class Identification(ResultBase):
         """What is to be done, what is not determined, and what supports the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
-            lines += self.impedance.findings(MASS in self.keys)
+            lines += self.impedance.findings(self.fitted)
         lines += [
             f"{record.name}: {remark}"
             for record in self.measurements
@@ -324,7 +324,7 @@ class Identification(ResultBase):
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
                 "posterior": self.posterior,
-                **({"impedance": self.impedance.parameters()} if self.impedance else {}),
+                **({"impedance": self.impedance.parameters(self.fitted)} if self.impedance else {}),
                 "seconds": self.seconds,
             }
         )

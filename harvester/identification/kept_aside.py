@@ -436,7 +436,7 @@ def _in_windows(problem, noise, reach):
     for share in FIRST_SHARES if first.size else (0.0,):
         values = np.clip(first + share * problem.sizes, problem.low, problem.high)
         begun = in_short_windows(problem, ShootingFit(values, [], [], [noise]), span, reach)
-        fit = problem.minimized(begun, ON_THE_WAY, COARSE)
+        fit = problem.minimized(begun, ON_THE_WAY if first.size else 0, COARSE)
         moved = [np.abs(fit.values - minimum.values) / problem.sizes for minimum in minima]
         if fit.grams and all(distance.max() > SAME for distance in moved):
             minima.append(fit)

@@ -434,13 +434,16 @@ class Responses:
         mechanical = linear + system.damper.damping * rate + rate**2
         of_capacitance = system.transducer.own_rate + rate
         of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
-        key = "piezo.capacitance"
-        capacitance = experiment.scene.transducer.capacitance
-        if key in self.keys:
-            capacitance = values[self.keys.index(key)]
-        admittance = capacitance * of_capacitance + experiment.measurement.background
+        admittance = self.capacitance(number, values) * of_capacitance
+        admittance = admittance + experiment.measurement.background
         outputs = impedance_outputs(1.0 / admittance)
         return np.column_stack(list(outputs.values()))
+
+    def capacitance(self, number: int, values: np.ndarray) -> float:
+        """Clamped capacitance of one experiment's piezo (F)."""
+        if "piezo.capacitance" in self.keys:
+            return float(values[self.keys.index("piezo.capacitance")])
+        return self.experiments[number].scene.transducer.capacitance
 
     def _response(self, system, scales, number, values):
         """Complex voltage per base acceleration, before the sensors' effects."""

@@ -203,9 +203,7 @@ def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(
-    shooting: Shooting, begun: ShootingFit, rival: float = np.inf
-) -> ShootingFit | None:
+def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:

@@ -89,7 +89,8 @@ def test_several_modes_are_found_and_those_above_add_to_the_capacitance():
     # The scene's own frequency tells which of them it is.
     second = from_impedance(scene(force=(0.0, MASS * (2.0 * np.pi * 300.0) ** 2)), measured)
     assert second.mode == 1
-    assert "another mode at 45.7" in "".join(second.findings(False))
+    model = fitted(second.scene, [second.measured], second.keys)
+    assert "another mode at 45.7" in "".join(second.findings(model))
 
 
 @pytest.mark.slow
@@ -212,14 +213,14 @@ def test_intervals_hold_the_truth_in_93_to_97_of_100_draws(lines):
     held_of_scene = np.zeros(len(wanted))
     for _ in range(draws):
         found = from_impedance(begun, MeasuredImpedance(frequency, noisy(rng, true)))
-        table = found.parameters()
+        model = fitted(found.scene, [found.measured], found.keys)
+        table = found.parameters(model)
         held += [
             table[name]["interval"][0] <= value <= table[name]["interval"][1]
             for name, value in TRUE.items()
         ]
         for name, share in off.items():
             share.append(table[name]["value"] / TRUE[name] - 1.0)
-        model = fitted(found.scene, [found.measured], found.keys, {})
         half = 1.96 * model.standard_errors[: len(wanted)]
         held_of_scene += np.abs(model.values[: len(wanted)] - wanted) < half
     for name, share in ALLOWED.items():
