@@ -232,13 +232,17 @@ def _determined(
     drop: bool,
     follow: Callable[[float], object],
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
-    """The fit of the values that the records determine, and the keys kept at the scene's values."""
+    """The fit of the values that the records determine, and the keys kept at the scene's values.
+
+    Values of a model that does not explain the records are not claimed: they need no second fit.
+    """
     from harvester.identification.fitting import fitted
     from harvester.identification.identifiability import to_keep
+    from harvester.identification.validation_record import explains
 
     undetermined: list[tuple[str, Undetermined]] = []
     model = fitted(scene, measurements, keys, follow=follow)
-    while drop and (unclear := to_keep(model)):
+    while drop and (unclear := to_keep(model)) and explains(model):
         undetermined += unclear
         kept = {key for key, _ in undetermined}
         keys = [key for key in model.keys if key not in kept]

@@ -33,8 +33,8 @@ from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
     block_means,
+    explains,
     mean_of,
-    validated,
 )
 from harvester.scene.numbers import numbers
 
@@ -211,8 +211,7 @@ def _compared(name, base, other):
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
     mean = mean_of(np.array(ratios))
-    explains = all(record.is_explained for record in validated(other))
-    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, explains)
+    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, explains(other))
 
 
 def proposed(models: Sequence[Rival]) -> Rival:

@@ -539,6 +539,11 @@ def validated(fitted: Fitted) -> list[ValidationRecord]:
     return [*judged, *fitted.records[in_time:]]
 
 
+def explains(fitted: Fitted) -> bool:
+    """Whether a fit leaves only the sensors' noise of every record."""
+    return all(record.is_explained for record in validated(fitted))
+
+
 def _unexplained(fitted, number):
     """What is left of one record, the fitted starts of the windows projected out of it."""
     shooting, fit = fitted.shooting.frozen(), fitted.settled

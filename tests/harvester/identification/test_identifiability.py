@@ -15,8 +15,9 @@ from measured_records import (
     linear_record,
 )
 
+from harvester.identification import fitting, identifiability, validation_record
 from harvester.identification.identifiability import assumptions, to_keep, undetermined
-from harvester.identification.identify import identify
+from harvester.identification.identify import _determined, identify
 from harvester.identification.unknowns import Unknown
 
 DAMPING, GAIN = 0.03, 1.05
@@ -102,3 +103,25 @@ def test_keys_are_left_out_until_the_others_are_determined():
     kept = to_keep(model)
     assert [key for key, _ in kept] == ["piezo.capacitance", "oscillator.damping", names[3]]
     assert kept[-1][1].keys == (names[3],)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_only_a_model_that_explains_the_records_is_fitted_without_what_they_leave_open(
+    monkeypatch, explained
+):
+    calls = []
+
+    def fit(scene, records, keys, follow):
+        calls.append(keys)
+        return SimpleNamespace(keys=keys)
+
+    monkeypatch.setattr(fitting, "fitted", fit)
+    unclear = [("mass", "mass is not determined")]
+    monkeypatch.setattr(
+        identifiability, "to_keep", lambda model: unclear if "mass" in model.keys else []
+    )
+    monkeypatch.setattr(validation_record, "explains", lambda model: explained)
+    model, kept = _determined(None, [], ["mass", "damping"], True, None)
+    assert calls == [["mass", "damping"], ["damping"]][: 1 + explained]
+    assert model.keys == calls[-1]
+    assert kept == unclear * explained
