@@ -266,7 +266,7 @@ class FromImpedance:
     keys: list[str]
 
     def parameters(self, fitted: Fitted) -> dict[str, dict[str, Any]]:
-        """fs, fp, Cp, k², Q and tan δ of the fitted device, each with its 95 % interval."""
+        """fs, fp, Cp, k² and Q of the fitted device, tan δ of the circuit, with 95 % intervals."""
         responses = fitted.shooting.responses
         # An impedance comes after all other measurements.
         last = len(responses.experiments) - 1
@@ -278,10 +278,12 @@ class FromImpedance:
             resonance = rate / (2.0 * math.pi)
             parallel, quality = resonance / math.sqrt(1.0 - share), rate / system.damper.damping
             clamped = responses.capacitance(last, values)
-            return np.array([resonance, parallel, clamped, share, quality, piezo.own_rate / rate])
+            return np.array([resonance, parallel, clamped, share, quality])
 
         slopes = approx_fprime(fitted.values, numbers_of, 1e-6 * np.abs(fitted.values))
-        errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes))
+        variances = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
+        values = [*numbers_of(fitted.values), self.circuit.parameters[1]]
+        errors = [*np.sqrt(variances), self.circuit.loss_error]
         return {
             name: {
                 "value": float(value),
@@ -289,7 +291,7 @@ class FromImpedance:
                 "interval": interval(float(value), float(error)),
                 "unit": NUMBERS[name],
             }
-            for name, value, error in zip(NUMBERS, numbers_of(fitted.values), errors, strict=True)
+            for name, value, error in zip(NUMBERS, values, errors, strict=True)
         }
 
     def findings(self, fitted: Fitted) -> list[str]:
