@@ -193,6 +193,8 @@ GRID: Any = (
     (("coupling",), (0.3, 1.0, 3.0)),
 )
 MOST_STARTS = 4
+# These values are proportional to the mass if the motion stays the same.
+IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
 # Number of fits to records of several kinds; each weights the residuals by the noise that the
 # previous fit left.
 WEIGHTINGS = 3
@@ -368,7 +370,13 @@ def _of_lines(shooting, first, scene, count, joint):
     old = first.fit.edges, first.fit.starts, first.fit.noise
     # Windows of records in time are taken over.
     windows: Any = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
-    return [(first.interpolation, ShootingFit(values, *windows))]
+    starts = [values]
+    coupling = previous.get("piezo.coupling")
+    if joint and coupling and MASS in shooting.responses.keys and scene.transducer:
+        # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
+        factor = (coupling / scene.transducer.coupling) ** 2
+        starts.append(_of_mass(shooting, values, factor, scene))
+    return [(first.interpolation, ShootingFit(values, *windows)) for values in starts]
 
 
 def _line_windows(experiments):
@@ -376,6 +384,17 @@ def _line_windows(experiments):
     sweeps = [experiment.measurement for experiment in experiments]
     edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
     return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
+
+
+def _of_mass(shooting, values, factor, scene):
+    """Values of a device with the scene's mass times a factor and the scene's impedance."""
+    scaled = values.copy()
+    for number, unknown in enumerate(shooting.unknowns):
+        if unknown.key == "piezo.coupling":
+            scaled[number] = scene.transducer.coupling * factor**0.5
+        elif any(word in unknown.key for word in IN_PROPORTION):
+            scaled[number] *= factor
+    return np.clip(scaled, shooting.low, shooting.high)
 
 
 def _grid(shooting, is_known):
