@@ -71,7 +71,8 @@ def check_records(
     """
     if not measurements:
         raise IdentificationError(
-            "--record: name at least one measured record, or an impedance by --impedance"
+            "--record: none is given, and records kept aside are not fitted: name at least one "
+            "record to fit, or an impedance by --impedance"
         )
     _check_kept_aside(scene, measurements, aside)
     require_resistor(scene, "identify")
