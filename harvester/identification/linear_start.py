@@ -21,7 +21,7 @@ import numpy as np
 from harvester.device import timescales
 from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -218,18 +218,11 @@ def _with(responses, values, changes):
     return changed
 
 
-def _value(responses, values, key, number):
-    """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
-    if key in responses.keys:
-        return float(values[responses.keys.index(key)])
-    entry = numbers(responses.experiments[number].scene).get(key)
-    return float(entry[0]) if entry else 0.0
-
-
 def _of_electrical(responses, values, number, factor, drifts):
     """The solved regression for one trial capacitance; None where the scene refuses it."""
-    capacitance = _value(responses, values, "piezo.capacitance", number) * factor
-    values = _with(responses, values, {"piezo.capacitance": capacitance})
+    if "piezo.capacitance" in responses.keys:
+        capacitance = factor * values[responses.keys.index("piezo.capacitance")]
+        values = _with(responses, values, {"piezo.capacitance": capacitance})
     equations = responses.device(number, values)
     if equations is None:
         return None
@@ -263,7 +256,11 @@ class _Regression:
         rate = experiment.measurement.sampling_rate
         period = 1.0 / frequencies(experiment.measurement)[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
-        self._test_functions(width, rate)
+        # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
+        u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
+        bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
+        self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
+        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
         eta = responses.excitation(number, values)[:: experiment.steps]
         self.drive = self._integrated(eta)
         self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
@@ -271,19 +268,6 @@ class _Regression:
         self.damping = -self._integrated(self.z, 1)
         self.solved = self._best()
         self.misfit = self.solved[0]
-
-    def _test_functions(self, width, rate):
-        """φ = (1 − u²)⁴ and its second derivative on −1 < u < 1."""
-        u = np.linspace(-1.0, 1.0, width + 2)[1:-1]
-        half = 0.5 * (width + 1) / rate
-        bump = 1.0 - u**2
-        self.phi = [
-            bump**4,
-            -8.0 * u * bump**3 / half,
-            (-8.0 * bump**3 + 48.0 * u**2 * bump**2) / half**2,
-        ]
-        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        self.width = width
 
     def _integrated(self, values, order=0):
         """∫φ⁽ᵒʳᵈᵉʳ⁾ values for all test functions."""
@@ -318,7 +302,7 @@ class _Regression:
         """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
         columns = {"damping": self.damping}
-        if "oscillator.quadratic_damping" in self.responses.keys:
+        if DRAG in self.responses.keys:
             columns["drag"] = self._integrated(np.abs(self.w) * self.w)
         for power in range(self.degree + 1):
             columns[f"k{power}"] = self._integrated(z**power)
@@ -362,43 +346,33 @@ class _Regression:
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
+        mass, length = self.mass, self.scales.displacement
         moved = shifted(self._force(found, s), shift)
-        changes = self._mechanical(found, s, moved)
-        changes |= self._transduced(found, s)
+        stiffness = abs(moved[1]) if moved.size > 1 else 1.0
+        least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
+        changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
+        changes |= {
+            spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
+            for n, k in enumerate(moved)
+        }
+        if "drag" in found:
+            changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
+        # Of a scaled scene β is in proportion to the force, of others the coupling to 1/s.
+        for key in ("piezo.coupling", "coil.coupling"):
+            changes[key] = self._value(key) * found.get("force", 1.0 / s)
         if found.get("drive"):
             # The drive is the base factor over the sensor's scale; only one of them is free.
-            value = _value(self.responses, self.values, BASE_SCALE, self.number)
-            changes[BASE_SCALE] = value / found["drive"]
-            value = _value(self.responses, self.values, BASE_FACTOR, self.number)
-            changes[BASE_FACTOR] = value * found["drive"]
+            changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
+            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, changes), shift
 
-    def _mechanical(self, found, s, coefficients):
-        mass, length = self.mass, self.scales.displacement
-        stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
-        least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
-        changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
-        if "drag" in found:
-            changes["oscillator.quadratic_damping"] = mass / length * max(found["drag"] / s**2, 0.0)
-        scaled = [mass * k * length ** (1 - n) for n, k in enumerate(coefficients)]
-        if self.scene.oscillator.restoring_force is None:
-            changes["oscillator.linear_stiffness"] = scaled[1]
-            if len(scaled) > 3:
-                changes["oscillator.cubic_stiffness"] = scaled[3]
-        else:
-            changes |= {f"oscillator.restoring_force[{n}]": k for n, k in enumerate(scaled)}
-        return changes
-
-    def _transduced(self, found, s):
-        if "force" in found:
-            coupling = _value(self.responses, self.values, "piezo.coupling", self.number)
-            return {"piezo.coupling": coupling * found["force"]}
-        return {
-            key: _value(self.responses, self.values, key, self.number) / s
-            for key in ("piezo.coupling", "coil.coupling")
-        }
+    def _value(self, key):
+        """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
+        if key in self.responses.keys:
+            return float(self.values[self.responses.keys.index(key)])
+        return float(numbers(self.scene).get(key, (0.0,))[0])
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
@@ -440,10 +414,7 @@ class _Regression:
         """Scaled coefficients of the spring that are not free, by their powers."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
-            short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
-            if self.scene.oscillator.restoring_force is not None:
-                short = f"restoring_force[{n}]"
-            if f"oscillator.{short}" not in self.responses.keys:
+            if spring_key(self.scene.oscillator, n) not in self.responses.keys:
                 value = self.powers[n] if n < len(self.powers) else 0.0
                 fixed[n] = value * length ** (n - 1) / self.mass
         return fixed

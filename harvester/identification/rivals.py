@@ -135,13 +135,6 @@ class NextPower(NamedTuple):
         return {key: half for key, half in self.halves.items() if not half <= UNCERTAIN}
 
 
-class _Part(NamedTuple):
-    """A further part: keys that are free in addition."""
-
-    name: str
-    keys: tuple[str, ...]
-
-
 def rival_models(
     own: Rival,
     measurements: Sequence[Measurement],
@@ -331,29 +324,28 @@ def _next_powers(scene):
 
 
 def _parts(base, measurements):
-    """All further parts that the model may have."""
-    springs = [_next_powers(base.scene)]
-    force = _coefficients(base.scene)
+    """Name and further keys of each part that the model may have in addition."""
+    springs, force = [_next_powers(base.scene)], _coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
         springs.append(("asymmetric spring", [2]))
-    parts = [_Part(name, tuple(map(FORCE.format, powers))) for name, powers in springs if powers]
+    parts = [(name, [*map(FORCE.format, powers)]) for name, powers in springs if powers]
     if not base.scene.oscillator.quadratic_damping:
-        parts.append(_Part("drag", (DRAG,)))
+        parts.append(("drag", [DRAG]))
     outputs = list(measurements[0].sensed)
     if isinstance(measurements[0], MeasuredResponse):
         return parts
-    names = ("acceleration", *outputs)
-    effects = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
-    effects["delay between the channels"] = [f"sensor.{output}_delay" for output in outputs]
-    effects |= {f"low-pass of the {output}": [f"sensor.{output}_filter"] for output in outputs}
-    if "voltage" in outputs:
-        effects["AC-coupled voltage"] = ["sensor.voltage_highpass"]
-    effects |= {f"gain of the {name}": [f"sensor.{name}_scale"] for name in names}
+    effects = [
+        ("AC-coupled accelerometer", ["sensor.acceleration_highpass"]),
+        ("delay between the channels", [f"sensor.{output}_delay" for output in outputs]),
+        *((f"low-pass of the {output}", [f"sensor.{output}_filter"]) for output in outputs),
+        *[("AC-coupled voltage", ["sensor.voltage_highpass"])] * ("voltage" in outputs),
+        *((f"gain of the {name}", [f"sensor.{name}_scale"]) for name in ("acceleration", *outputs)),
+    ]
     taken = {*base.keys, *(key for record in measurements for key in record.sensors)}
-    parts += [_Part(name, tuple(keys)) for name, keys in effects.items() if not {*keys} & taken]
+    parts += [(name, keys) for name, keys in effects if not {*keys} & taken]
     if LOAD in numbers(base.scene) and LOAD not in base.keys and "voltage" in outputs:
         parts += [
-            _Part(f"load of {record.name}", (factor_key(LOAD, [number]),))
+            (f"load of {record.name}", [factor_key(LOAD, [number])])
             for number, record in enumerate(measurements)
             if not isinstance(record, MeasuredResponse)
         ]
@@ -364,15 +356,15 @@ def _further(base, parts, measurements, report):
     """Rivals with a further part, in the order of what they promise."""
     if not parts:
         return []
-    keys = list(dict.fromkeys(key for part in parts for key in part.keys))
+    keys = list(dict.fromkeys(key for _, further in parts for key in further))
     shooting, fit, _ = base.extended(keys)
     if not math.isfinite(shooting.cost(fit)):
-        return [Rival(part.name, None, remark="not tried: the device diverges") for part in parts]
+        return [Rival(name, None, remark="not tried: the device diverges") for name, _ in parts]
     equations, count = normal_equations(shooting, fit), len(base.keys)
     least, _ = _promised(equations, range(count))
     promises = []
     for part in parts:
-        members = [count + keys.index(key) for key in part.keys]
+        members = [count + keys.index(key) for key in part[1]]
         gain, step = _promised(equations, [*range(count), *members])
         one_sided = any(
             fit.values[n] - shooting.low[n] <= LITTLE * shooting.sizes[n] and step[count + k] <= 0.0
@@ -381,17 +373,17 @@ def _further(base, parts, measurements, report):
         promises.append((0.0 if one_sided else (gain - least) / fit.cost, part, step))
     promises.sort(key=lambda promise: -promise[0])
     models, enough = [], False
-    for number, (promise, part, step) in enumerate(promises):
+    for number, (promise, (name, further), step) in enumerate(promises):
         if promise < PROMISING:
             remark = "not tried: it explains nothing of the residuals"
         elif number >= MOST_FITTED or (enough and promise < NEARLY_AS_MUCH * promises[0][0]):
             remark = f"not tried: it promises less, {promise:.0%} of the residuals' square"
         else:
-            report(part.name)
-            models.append(_with_part(base, part, measurements, step))
+            report(name)
+            models.append(_with_part(base, name, further, measurements, step))
             enough = enough or (models[-1].explains and models[-1].is_better)
             continue
-        models.append(Rival(part.name, None, remark=remark))
+        models.append(Rival(name, None, remark=remark))
     return models
 
 
@@ -402,11 +394,11 @@ def _promised(equations, places):
     return float(-some.gradient @ step), step
 
 
-def _with_part(base, part, measurements, step):
+def _with_part(base, name, further, measurements, step):
     """The rival with a part, fitted from where the regression leads."""
-    shooting, fit, scene = base.extended(part.keys)
+    shooting, fit, scene = base.extended(further)
     if not shooting.linearized(fit):
-        return Rival(part.name, None, remark="not tried: the device diverges")
+        return Rival(name, None, remark="not tried: the device diverges")
     trials = []
     for share in STEPS:
         target = np.clip(fit.values + share * step * shooting.sizes, shooting.low, shooting.high)
@@ -415,21 +407,21 @@ def _with_part(base, part, measurements, step):
         trials.append((shooting.cost(trial), trial))
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
-        return Rival(part.name, None, remark="not tried: no step towards it lowers the residuals")
+        return Rival(name, None, remark="not tried: no step towards it lowers the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
     keys, count = shooting.responses.keys, len(base.keys)
-    begun_scene = with_values(scene, part.keys, begun.values[count:])
+    begun_scene = with_values(scene, further, begun.values[count:])
     if begun_scene is None:
-        return Rival(part.name, None, remark="no fit: the scene refuses its values")
-    model = _tried(part.name, base, begun_scene, measurements, keys, warm)
+        return Rival(name, None, remark="no fit: the scene refuses its values")
+    model = _tried(name, base, begun_scene, measurements, keys, warm)
     if model.fitted is not None:
         moved = np.abs(model.fitted.values[count:] - fit.values[count:])
         if (moved < MOVED * shooting.sizes[count:]).all():
-            return Rival(part.name, None, remark="not tried: its values did not move")
-        if of := factor_of(part.keys[0]):
+            return Rival(name, None, remark="not tried: its values did not move")
+        if of := factor_of(further[0]):
             stated = numbers(shooting.responses.experiments[of[1][0]].scene)[LOAD][0]
             other = stated * model.fitted.values[-1]
-            model = model._replace(name=f"{part.name} ({other:.4g} Ω for {stated:.4g} Ω)")
+            model = model._replace(name=f"{name} ({other:.4g} Ω for {stated:.4g} Ω)")
     return model
 
 

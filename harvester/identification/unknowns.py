@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
+    from harvester.scene.tables import Oscillator
 
 # Tables of the scene whose numbers describe the device; the load's values are given.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
@@ -152,6 +153,13 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
 def as_coefficients(keys: Sequence[str]) -> list[str]:
     """Keys with a spring's values as coefficients of powers."""
     return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
+
+
+def spring_key(oscillator: Oscillator, power: int) -> str:
+    """Key of the spring's coefficient of a power of x; empty if it has none."""
+    if oscillator.restoring_force is not None:
+        return FORCE.format(power)
+    return next((key for key, n in SHORT_NAMES.items() if n == power), "")
 
 
 def power_of(key: str) -> int:
