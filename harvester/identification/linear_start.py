@@ -12,6 +12,7 @@ looked for on a grid.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +21,14 @@ import numpy as np
 from harvester.device import timescales
 from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.identification.measurement import Measurement
     from harvester.identification.response import Responses
+    from harvester.identification.unknowns import Unknown
     from harvester.scene.units import Scales
 
 # Frequencies below this share of the median frequency count as drift and are removed.
@@ -172,18 +174,22 @@ def as_it_is(
 
 
 def regressed(
-    responses: Responses, values: np.ndarray, number: int, drifts: bool
+    responses: Responses, unknowns: Sequence[Unknown], number: int, drifts: bool
 ) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
     ----------
-    values : ndarray
-        Values of the unknowns, used for those that a regression does not give.
+    unknowns : sequence of Unknown
+        Their bounds, and their starts for those that a regression does not give.
     drifts : bool
         Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
         wells; otherwise it only adds noise.
     """
+    values, low, high = (
+        np.array([getattr(unknown, name) for unknown in unknowns])
+        for name in ("start", "low", "high")
+    )
     tried = [
         _of_electrical(responses, values, number, factor, drifts)
         for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
@@ -193,6 +199,7 @@ def regressed(
     if best is None:
         return starts
     for changed, origin in best.results():
+        changed = np.clip(changed, low, high)
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
@@ -206,23 +213,16 @@ def regressed(
 def _with(responses, values, changes):
     changed = values.copy()
     for key, value in changes.items():
-        if key in responses.keys:
+        if key in responses.keys and np.isfinite(value):
             changed[responses.keys.index(key)] = value
     return changed
 
 
-def _value(responses, values, key, number):
-    """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
-    if key in responses.keys:
-        return float(values[responses.keys.index(key)])
-    entry = numbers(responses.experiments[number].scene).get(key)
-    return float(entry[0]) if entry else 0.0
-
-
 def _of_electrical(responses, values, number, factor, drifts):
     """The solved regression for one trial capacitance; None where the scene refuses it."""
-    capacitance = _value(responses, values, "piezo.capacitance", number) * factor
-    values = _with(responses, values, {"piezo.capacitance": capacitance})
+    if "piezo.capacitance" in responses.keys:
+        capacitance = factor * values[responses.keys.index("piezo.capacitance")]
+        values = _with(responses, values, {"piezo.capacitance": capacitance})
     equations = responses.device(number, values)
     if equations is None:
         return None
@@ -256,7 +256,11 @@ class _Regression:
         rate = experiment.measurement.sampling_rate
         period = 1.0 / frequencies(experiment.measurement)[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
-        self._test_functions(width, rate)
+        # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
+        u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
+        bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
+        self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
+        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
         eta = responses.excitation(number, values)[:: experiment.steps]
         self.drive = self._integrated(eta)
         self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
@@ -264,19 +268,6 @@ class _Regression:
         self.damping = -self._integrated(self.z, 1)
         self.solved = self._best()
         self.misfit = self.solved[0]
-
-    def _test_functions(self, width, rate):
-        """φ = (1 − u²)⁴ and its second derivative on −1 < u < 1."""
-        u = np.linspace(-1.0, 1.0, width + 2)[1:-1]
-        half = 0.5 * (width + 1) / rate
-        bump = 1.0 - u**2
-        self.phi = [
-            bump**4,
-            -8.0 * u * bump**3 / half,
-            (-8.0 * bump**3 + 48.0 * u**2 * bump**2) / half**2,
-        ]
-        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        self.width = width
 
     def _integrated(self, values, order=0):
         """∫φ⁽ᵒʳᵈᵉʳ⁾ values for all test functions."""
@@ -311,7 +302,7 @@ class _Regression:
         """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
         columns = {"damping": self.damping}
-        if "oscillator.quadratic_damping" in self.responses.keys:
+        if DRAG in self.responses.keys:
             columns["drag"] = self._integrated(np.abs(self.w) * self.w)
         for power in range(self.degree + 1):
             columns[f"k{power}"] = self._integrated(z**power)
@@ -355,43 +346,33 @@ class _Regression:
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
-        moved = shifted(self._force(found, s), shift)
-        changes = self._mechanical(found, s, moved)
-        changes |= self._transduced(found, s)
-        if found.get("drive"):
-            # The drive is the base factor over the sensor's scale; only one of them is free.
-            value = _value(self.responses, self.values, BASE_SCALE, self.number)
-            changes[BASE_SCALE] = value / found["drive"]
-            value = _value(self.responses, self.values, BASE_FACTOR, self.number)
-            changes[BASE_FACTOR] = value * found["drive"]
-        if share is not None:
-            changes |= self._stops(found, s, share, shift)
-        return _with(self.responses, self.values, self._within(changes)), shift
-
-    def _mechanical(self, found, s, coefficients):
         mass, length = self.mass, self.scales.displacement
-        stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
+        moved = shifted(self._force(found, s), shift)
+        stiffness = abs(moved[1]) if moved.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
         changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
-        if "drag" in found:
-            changes["oscillator.quadratic_damping"] = mass / length * max(found["drag"] / s**2, 0.0)
-        scaled = [mass * k * length ** (1 - n) for n, k in enumerate(coefficients)]
-        if self.scene.oscillator.restoring_force is None:
-            changes["oscillator.linear_stiffness"] = scaled[1]
-            if len(scaled) > 3:
-                changes["oscillator.cubic_stiffness"] = scaled[3]
-        else:
-            changes |= {f"oscillator.restoring_force[{n}]": k for n, k in enumerate(scaled)}
-        return changes
-
-    def _transduced(self, found, s):
-        if "force" in found:
-            coupling = _value(self.responses, self.values, "piezo.coupling", self.number)
-            return {"piezo.coupling": coupling * found["force"]}
-        return {
-            key: _value(self.responses, self.values, key, self.number) / s
-            for key in ("piezo.coupling", "coil.coupling")
+        changes |= {
+            spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
+            for n, k in enumerate(moved)
         }
+        if "drag" in found:
+            changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
+        # Of a scaled scene β is in proportion to the force, of others the coupling to 1/s.
+        for key in ("piezo.coupling", "coil.coupling"):
+            changes[key] = self._value(key) * found.get("force", 1.0 / s)
+        if found.get("drive"):
+            # The drive is the base factor over the sensor's scale; only one of them is free.
+            changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
+            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
+        if share is not None:
+            changes |= self._stops(found, s, share, shift)
+        return _with(self.responses, self.values, changes), shift
+
+    def _value(self, key):
+        """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
+        if key in self.responses.keys:
+            return float(self.values[self.responses.keys.index(key)])
+        return float(numbers(self.scene).get(key, (0.0,))[0])
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
@@ -433,27 +414,10 @@ class _Regression:
         """Scaled coefficients of the spring that are not free, by their powers."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
-            short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
-            if self.scene.oscillator.restoring_force is not None:
-                short = f"restoring_force[{n}]"
-            if f"oscillator.{short}" not in self.responses.keys:
+            if spring_key(self.scene.oscillator, n) not in self.responses.keys:
                 value = self.powers[n] if n < len(self.powers) else 0.0
                 fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
-
-    def _within(self, changes):
-        """The changes of free values, clipped to their bounds."""
-        specs = numbers(self.scene)
-        bounded = {}
-        if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
-            bounded[BASE_SCALE] = changes[BASE_SCALE]
-        for key, value in changes.items():
-            if key in specs and key in self.responses.keys and np.isfinite(value):
-                start, spec = specs[key]
-                is_open = not spec.low_allowed and spec.low != -np.inf
-                least = spec.low + 1e-2 * abs(start) if is_open else spec.low
-                bounded[key] = min(max(value, least), spec.high)
-        return bounded
 
 
 def _powers(oscillator):
@@ -471,14 +435,15 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
+def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
+    values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
     for number, experiment in enumerate(responses.experiments):
-        starts += regressed(responses, values, number, True)
+        starts += regressed(responses, unknowns, number, True)
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift: the motion is tried without it, too.
-            starts += regressed(responses, values, number, False)
+            starts += regressed(responses, unknowns, number, False)
     system, _ = responses.known_device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs

@@ -20,6 +20,8 @@ from harvester.records.quantities import QUANTITIES
 
 # Fewest frequencies in a response. One line in three is kept aside.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
+# Noise that the first fit assumes, as a share of an output's rms; relative noise of an impedance.
+ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
 # A response is conjugated if it turns by more than this share of all its turning, lines weighted by
 # their squares, towards larger phases: a device's turns the other way, noise either way.
 RISING = 0.5
@@ -93,6 +95,12 @@ class MeasuredResponse:
     def sensed(self) -> dict[str, np.ndarray]:
         """Amplitudes of the sensors' outputs by name."""
         return {"voltage": np.abs(self.response)}
+
+    @property
+    def assumed_noise(self) -> np.ndarray:
+        """Noise of each output that the first fit assumes."""
+        level = ASSUMED_NOISE * float(np.sqrt(np.mean(np.abs(self.response) ** 2)))
+        return np.full(len(self.outputs), level)
 
     @property
     def resonance(self) -> float:
@@ -228,6 +236,11 @@ class MeasuredImpedance(MeasuredResponse):
     def sensed(self) -> dict[str, np.ndarray]:
         """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
+
+    @property
+    def assumed_noise(self) -> np.ndarray:
+        """Relative noise of both outputs that the first fit assumes."""
+        return np.full(2, ASSUMED_IMPEDANCE_NOISE)
 
     def check(self) -> None:
         """Raise IdentificationError if there are too few frequencies."""

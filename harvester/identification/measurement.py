@@ -12,7 +12,7 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest, shown
-from harvester.identification.measured_response import MeasuredResponse, response_of
+from harvester.identification.measured_response import ASSUMED_NOISE, MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
@@ -114,6 +114,11 @@ class Measurement:
         return {name: getattr(self, name) for name in OUTPUTS if getattr(self, name) is not None}
 
     sensed = outputs
+
+    @property
+    def assumed_noise(self) -> np.ndarray:
+        """Noise of each output that the first fit assumes."""
+        return np.array([ASSUMED_NOISE * np.std(values) for values in self.outputs.values()])
 
     @property
     def duration(self) -> float:

@@ -44,7 +44,7 @@ from harvester.identification.sensors import (
     parallel,
     without_memory,
 )
-from harvester.identification.unknowns import BASE_FACTOR, LOAD, with_values
+from harvester.identification.unknowns import BASE_FACTOR, LOAD, factor_of, with_values
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.units import Scales
@@ -63,6 +63,9 @@ COARSE_STEPS, FINE_STEPS = 24, 80
 INTERPOLATIONS = ("linear", "smooth")
 # Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
+# One pool for all calls: starting threads takes as long as a short simulation. The threads start
+# with the first call.
+_THREADS = ThreadPoolExecutor(os.cpu_count())
 # Start of the one window of a response, whose samples have no states.
 NO_STATES = np.zeros((1, 3))
 
@@ -133,12 +136,11 @@ def _path(samples, steps, interpolation):
 
 
 def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each, by as many threads as there are processors.
+    """A function of each item, by as many threads as there are processors.
 
-    The integrator is free of Python's lock.
+    The integrator is free of Python's lock. The function must not call this one.
     """
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, items))
+    return list(_THREADS.map(function, items))
 
 
 class Responses:
@@ -173,8 +175,11 @@ class Responses:
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene
-        unit = {"length_scale": self.length} if scene.units == "SI" else {}
-        changed = with_values(scene, self.keys, values, unit)
+        others = {"length_scale": self.length} if scene.units == "SI" else {}
+        for key, factor in self._factors(number, values).items():
+            if not key.startswith("sensor."):
+                others[key] = factor * numbers(scene)[key][0]
+        changed = with_values(scene, self.keys, values, others)
         if changed is None:
             return None
         probe = self._sensor(number, values, "sensor.voltage_resistance")
@@ -311,8 +316,6 @@ class Responses:
 
     def _corners(self, number, values, quantity):
         """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
-        if quantity not in ("acceleration", "voltage"):
-            return [0.0 for _ in HIGHPASSES]
         return [
             self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
         ]
@@ -321,7 +324,13 @@ class Responses:
         """A sensor's effect: free, or as given for this record."""
         if key in self.keys:
             return values[self.keys.index(key)]
-        return self.experiments[number].measurement.sensors.get(key, neutral(key))
+        known = self.experiments[number].measurement.sensors.get(key, neutral(key))
+        return known * self._factors(number, values).get(key, 1.0)
+
+    def _factors(self, number, values):
+        """Factors of values that one experiment has as known, by their keys."""
+        factors = ((factor_of(key), value) for key, value in zip(self.keys, values, strict=True))
+        return {of[0]: float(value) for of, value in factors if of and number in of[1]}
 
     def shown(self, number: int, values: np.ndarray) -> Measurement:
         """A record with the sensors' effects removed from its outputs, except delays and
@@ -425,13 +434,16 @@ class Responses:
         mechanical = linear + system.damper.damping * rate + rate**2
         of_capacitance = system.transducer.own_rate + rate
         of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
-        key = "piezo.capacitance"
-        capacitance = experiment.scene.transducer.capacitance
-        if key in self.keys:
-            capacitance = values[self.keys.index(key)]
-        admittance = capacitance * of_capacitance + experiment.measurement.background
+        admittance = self.capacitance(number, values) * of_capacitance
+        admittance = admittance + experiment.measurement.background
         outputs = impedance_outputs(1.0 / admittance)
         return np.column_stack(list(outputs.values()))
+
+    def capacitance(self, number: int, values: np.ndarray) -> float:
+        """Clamped capacitance of one experiment's piezo (F)."""
+        if "piezo.capacitance" in self.keys:
+            return float(values[self.keys.index("piezo.capacitance")])
+        return self.experiments[number].scene.transducer.capacitance
 
     def _response(self, system, scales, number, values):
         """Complex voltage per base acceleration, before the sensors' effects."""

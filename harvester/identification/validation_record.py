@@ -11,7 +11,6 @@ than chance.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -21,7 +20,6 @@ from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.measurement import frequencies
 from harvester.identification.response import NO_STATES, Responses
-from harvester.identification.search import settle_windows
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import Shooting, ShootingFit, without_states
 from harvester.scene.units import load_resistance
@@ -415,50 +413,22 @@ def within(measured: Estimate, expected: Estimate) -> bool:
     return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
 
 
-def predicted(
-    shooting: Shooting,
-    fit: ShootingFit,
-    parts: Sequence[tuple[int, int]],
-    reach: tuple[float, float] | None = None,
-) -> tuple[list[ValidationRecord], ShootingFit]:
-    """Motion and outputs of the fitted device in a part of each experiment.
-
-    Parameters
-    ----------
-    parts : sequence of (int, int)
-        First sample, and that behind the last.
-    reach : (float, float), optional
-        Scaled displacements between which the mass is looked for.
-
-    Returns
-    -------
-    list of ValidationRecord
-    ShootingFit
-        The windows of the parts with their starts.
-    """
-    settled = settle_windows(shooting.frozen(), fit, parts, reach)
-    responses, predictions = shooting.responses, []
-    for number, edges in enumerate(settled.edges):
-        experiment = responses.experiments[number]
-        starts = settled.starts[number]
-        _, _, windowed = responses.states(number, fit.values, edges, starts)
-        span = edges[[0, -1]]
-        _, _, free = responses.states(number, fit.values, span, starts[:1])
-        measurement, scene = experiment.measurement, experiment.scene
-        predictions.append(
-            ValidationRecord(
-                name=measurement.name,
-                outputs=tuple(measurement.outputs),
-                rate=measurement.sampling_rate,
-                measured=shooting.seen(number, edges),
-                windowed=windowed,
-                free=free,
-                windows=edges.size - 1,
-                resistance=load_resistance(scene) if scene.units == "SI" else None,
-                motion=frequencies(measurement)[0],
-            )
-        )
-    return predictions, settled
+def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
+    """What a device with a fit's values does in the fit's windows of one record."""
+    responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
+    experiment = responses.experiments[number]
+    measurement, scene = experiment.measurement, experiment.scene
+    return ValidationRecord(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=measurement.sampling_rate,
+        measured=shooting.seen(number, edges),
+        windowed=responses.states(number, fit.values, edges, starts)[2],
+        free=responses.states(number, fit.values, edges[[0, -1]], starts[:1])[2],
+        windows=edges.size - 1,
+        resistance=load_resistance(scene) if scene.units == "SI" else None,
+        motion=frequencies(measurement)[0],
+    )
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
@@ -541,16 +511,20 @@ class Whiteness:
         return self.probability > 1e-3
 
 
+def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
+    """Autocorrelations of a series from lag 1 on; 0 of a constant."""
+    spectrum = np.abs(np.fft.rfft(values - values.mean(), 2 * values.size)) ** 2
+    series = np.fft.irfft(spectrum)[: lags + 1]
+    return series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+
+
 def _whiteness(residuals, per_period):
     """Autocorrelation of residuals over a period of so many samples."""
     from scipy.stats import chi2
 
-    values = residuals - residuals.mean()
-    n = values.size
+    n = residuals.size
     lags = int(np.clip(round(WHITE_PERIODS * per_period), 4, n // 4))
-    spectrum = np.abs(np.fft.rfft(values, 2 * n)) ** 2
-    series = np.fft.irfft(spectrum)[: lags + 1]
-    correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+    correlations = autocorrelations(residuals, lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(correlations, HALF_INTERVAL / math.sqrt(n), float(chi2.sf(statistic, lags)))
 
@@ -563,6 +537,11 @@ def validated(fitted: Fitted) -> list[ValidationRecord]:
         for number, record in enumerate(fitted.records[:in_time])
     ]
     return [*judged, *fitted.records[in_time:]]
+
+
+def explains(fitted: Fitted) -> bool:
+    """Whether a fit leaves only the sensors' noise of every record."""
+    return all(record.is_explained for record in validated(fitted))
 
 
 def _unexplained(fitted, number):
