@@ -100,7 +100,7 @@ def run_realizations(
     """
     scene, s, scales = ready.scene, ready.system, ready.scales
     if scheme != "runge-kutta":
-        raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
+        raise LoadError(f"{scene.name}: scheme {scheme} is for a resistor as load; leave it out")
     circuit = circuit_of(ready)
     fixed = steps_per_sample(ready, step, "monte-carlo")
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
@@ -114,7 +114,7 @@ def run_realizations(
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
                     "Monte Carlo diverged (values that are not finite) before t = "
-                    f"{record.time[-1]:g}; choose a shorter --step"
+                    f"{record.time[-1]:g}; choose a shorter step"
                 )
             for observer in watching:
                 observer.add(record)

@@ -51,7 +51,7 @@ PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
 NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
 UNKNOWN_SPREAD = (
     "whether the path is chaotic is not known, as a run with a slightly different excitation "
-    "failed: compare with --step fine"
+    "failed: compare with step = fine"
 )
 
 

@@ -8,10 +8,15 @@ from collections.abc import Callable, Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
-from harvester.base.arguments import check_processes, checked_progress, usual_arithmetic
+from harvester.base.arguments import (
+    check_known,
+    check_processes,
+    checked_progress,
+    usual_arithmetic,
+)
 from harvester.base.errors import UnknownOption
 from harvester.base.notebook import progress_bar
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import shown
 from harvester.base.signatures import KEYWORD, check_options, named_as_called, options_of
 
 if TYPE_CHECKING:
@@ -53,14 +58,18 @@ def _with_progress(
             yield {**options, "progress": bar}
 
 
-def _instead(option, names):
-    """The scene's key of that name, or the nearest option, else all options."""
+def _refuse_meant(function, option, accepted):
+    """Refuse an option by its command's spelling, and one that is a key of the scene."""
     from harvester.scene.tables import all_keys
 
-    for key in all_keys():
-        if key.partition(".")[2] == option:
-            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
-    return nearest(option, names) or f"; there are {', '.join(names)}"
+    meant = [f" (did you mean {n}?)" for n, item in accepted.items() if item.kind.option == option]
+    meant += [
+        f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+        for key in all_keys()
+        if key.partition(".")[2] == option
+    ]
+    if meant:
+        raise UnknownOption(f"{function}: no option {option}{meant[0]}")
 
 
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
@@ -81,12 +90,9 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
                 f"{name}: {shown(surplus[0])} is given without its name: options are given as "
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
-        for option in options:
-            if option not in accepted:
-                names = [item for item in accepted if item != "scene"]
-                same = [n for n in names if accepted[n].kind.option == option]
-                hint = f" (did you mean {same[0]}?)" if same else _instead(option, names)
-                raise UnknownOption(f"{name}: no option {option}{hint}")
+        for option in options.keys() - accepted.keys():
+            _refuse_meant(name, option, accepted)
+        check_known(name, options, [item for item in accepted if item != "scene"])
         with (
             usual_arithmetic(),
             named_as_called(function),

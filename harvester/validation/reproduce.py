@@ -231,7 +231,7 @@ def reproduce(
         Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()
-    names = listed(names, "names", '["fig4"]')
+    names = listed(names, "names", '["fig4"]', str)
     for name in names:
         check_name("figure", name, NAMES)
     contents = {}

@@ -174,7 +174,7 @@ def integrate(
             if several.diverged is not None:
                 raise SolutionDiverged(
                     "Monte Carlo diverged (values that are not finite) before t = "
-                    f"{several.diverged:g}; choose a shorter --step"
+                    f"{several.diverged:g}; choose a shorter step"
                 )
             yield room.columns, room.points
         noise[0] = noise[count]

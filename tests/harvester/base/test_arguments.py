@@ -52,7 +52,10 @@ def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):
     ("call", "words"),
     [
         (lambda: harvester.frequency_response("linear", "12", amplitude=1.0), "frequencies = '12'"),
-        (lambda: harvester.frequency_response("linear", ["x"], amplitude=1.0), "frequencies: must"),
+        (
+            lambda: harvester.frequency_response("linear", ["x"], amplitude=1.0),
+            "frequencies: 'x': must",
+        ),
         (lambda: harvester.sensitivity("linear", "load"), "vary = 'load': must be a dictionary"),
         (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is no text; write"),
         (lambda: harvester.optimum("paper", [KEY]), "over = .* must be a dictionary"),
