@@ -58,14 +58,14 @@ def fail(report, reason):
     raise SimulatorAborted(reason)
 
 
-def speeds(report, scene):
+def speeds(report, prepared_scene):
     """The throughput of a scene, in this process."""
 
     class Here:
         def map(self, function, calls):
             return [function(report=report, **call) for call in calls]
 
-    rows = throughput.measure(scene, Here(), compiled=False, knots=200, repeats=1)
+    rows = throughput.measure(prepared_scene, Here(), compiled=False, knots=200, repeats=1)
     return {"rows": rows, "machine": {"date": "today", "cores": 1, "processor": "this one"}}
 
 

@@ -16,11 +16,12 @@ from harvester.device import timescales
 from harvester.device.record import Record
 from harvester.engines import side_by_side
 from harvester.engines.methods import Circuit, Engine, engine_of
-from harvester.engines.orbits import SAMPLES, several_starts, with_orbit
+from harvester.engines.orbits import SAMPLES, with_orbit
 from harvester.engines.realization import empty_moments, run
 from harvester.engines.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.paths import several_starts
+from harvester.scene.prepared import Prepared
 from harvester.scene.units import Scales
 from harvester.statistics.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
 from harvester.statistics.estimate import Estimate
@@ -37,7 +38,7 @@ MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
 def realizations(
-    scene: Scene,
+    prepared_scene: Prepared,
     method: str,
     indices: list[int],
     step: str | float,
@@ -61,34 +62,40 @@ def realizations(
         last samples of each where starts may reach several motions, or None; `seconds` of one core.
     """
     clock = time.process_time()
-    window = _window(scene) if waveform else None
+    timing = prepared_scene.scene.run
+    shown = min(periods_of(prepared_scene), timing.duration)
+    window = (timing.settle, timing.settle + shown) if waveform else None
     solutions = run(
-        scene,
+        prepared_scene,
         engine_of(method, step=step, **settings or {}),
         indices,
         window,
         report,
-        stroboscope=several_starts(prepared(scene)),
+        stroboscope=None,
     )
     moments = [solution.moments for solution in solutions]
     samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
-    shown, columns = None, solutions[0].waveform
+    points, columns = None, solutions[0].waveform
     if columns is not None:
         times = np.linspace(columns.time[0], columns.time[-1], WAVEFORM_POINTS)
-        shown = np.array([np.interp(times, columns.time, column) for column in columns])
+        points = np.array([np.interp(times, columns.time, column) for column in columns])
     return {
         "moments": moments,
-        "waveform": shown,
+        "waveform": points,
         "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
         "seconds": time.process_time() - clock,
     }
 
 
 def averages(
-    scene: Scene, closure: str, tolerance: float | None, density: bool, report: Callable
+    prepared_scene: Prepared,
+    closure: str,
+    tolerance: float | None,
+    density: bool,
+    report: Callable,
 ) -> dict[str, Any]:
     """A scene by a closure, in a worker process.
 
@@ -99,11 +106,11 @@ def averages(
 
     clock = time.process_time()
     if density:
-        result = average(scene, method=closure, tolerance=tolerance)
+        result = average(prepared_scene.scene, method=closure, tolerance=tolerance)
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        quantities, shape = estimates_of(averages_of(scene, closure, tolerance)), None
+        quantities, shape = estimates_of(averages_of(prepared_scene, closure, tolerance)), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -114,7 +121,7 @@ class Realizations:
 
     Attributes
     ----------
-    scene
+    prepared_scene
         Its number of realizations only sets the number of batches of each.
     size
         Of a task.
@@ -124,7 +131,7 @@ class Realizations:
         Whether histograms, and the beginning of the first realization, are kept.
     """
 
-    scene: Scene
+    prepared_scene: Prepared
     method: Engine
     size: int
     version: str = ""
@@ -134,16 +141,17 @@ class Realizations:
     @classmethod
     def of(
         cls,
-        scene: Scene,
+        prepared_scene: Prepared,
         method: Engine,
         version: str = "",
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
         """The realizations of a scene. Several form a task if that costs less."""
-        size = min(_together(scene, method), scene.run.realizations)
-        scene = with_orbit(scene)
-        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
+        scene = with_orbit(prepared_scene.scene)
+        size = min(_together(prepared_scene, method), scene.run.realizations)
+        batches = min(scene.run.realizations, MANY_REALIZATIONS)
+        many = prepared_scene.with_run(realizations=batches, orbit=scene.run.orbit)
         return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
@@ -167,12 +175,13 @@ class Realizations:
             return "its waveform has another shape"
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
-        if several_starts(prepared(self.scene)) and len(found["stroboscope"]) != len(indices):
+        if several_starts(self.prepared_scene) and len(found["stroboscope"]) != len(indices):
             return "its stroboscopic samples are of another number of realizations"
-        load = self.scene.load.circuit
+        scene = self.prepared_scene.scene
+        load = scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, self.density) for m in moments)
-        fit &= all(_strain_fits(m.strain, self._template.strain, self.scene.beam) for m in moments)
+        fit &= all(_strain_fits(m.strain, self._template.strain, scene.beam) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -180,7 +189,7 @@ class Realizations:
         waveform = self.waveform and start == 0
         misfit = partial(self.misfit, indices=indices, waveform=waveform)
         arguments = {
-            "scene": self.scene,
+            "scene": self.prepared_scene.scene,
             "indices": list(indices),
             "density": self.density,
             "waveform": waveform,
@@ -190,7 +199,7 @@ class Realizations:
 
     @cached_property
     def _template(self):
-        return empty_moments(prepared(self.scene))
+        return empty_moments(self.prepared_scene)
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
@@ -217,23 +226,19 @@ def _misfit_of_averages(found):
     return ""
 
 
-def _together(scene, method):
+def _together(prepared_scene, method):
     """Realizations in one task: several only where they cost less so."""
     if not isinstance(method, Circuit):
         return REALIZATIONS_TOGETHER
     shared = method.step, method.source, method.tolerance
     return method.copies or (
-        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared(scene), *shared) else 1
+        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared_scene, *shared) else 1
     )
 
 
-def _window(scene):
-    return scene.run.settle, scene.run.settle + min(periods_of(scene), scene.run.duration)
-
-
-def periods_of(scene: Scene) -> float:
+def periods_of(prepared_scene: Prepared) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
-    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
 
 
 def _fits(moments, template, rows, density):

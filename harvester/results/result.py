@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from harvester.results.waveform import Waveform
 from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.units import Scales, scale
 from harvester.statistics.estimate import Density, Estimate, root
 from harvester.statistics.joint_density import JointDensity
@@ -162,6 +164,11 @@ class Result(ResultBase):
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self.scaled_quantities)
+
+    @cached_property
+    def prepared_scene(self) -> Prepared:
+        """The prepared scene of the run."""
+        return prepared(self.scene)
 
     @property
     def seed(self) -> int:
