@@ -105,14 +105,14 @@ class Timed:
         self.simulated_time = sum(moments.time_reached for moments in self.moments)
         self.seconds = sum(answer["seconds"] for answer in answers)
         self.cost = min(answer["seconds"] / _measured_time(answer["moments"]) for answer in answers)
-        self.scene, self._system = model.scene, model.system
+        self.scene, self.prepared_scene = model.scene, model
         self._estimates: dict[int, dict[str, Estimate]] = {}
 
     def quantities(self, count: int | None = None) -> dict[str, Estimate]:
         """Estimates from all realizations, or from the first few."""
         moments = self.moments[:count]
         if len(moments) not in self._estimates:
-            estimates = estimate_all(moments, self._system)
+            estimates = estimate_all(moments, self.prepared_scene.system)
             self._estimates[len(moments)] = estimates | estimate_output(moments)
         return self._estimates[len(moments)]
 
