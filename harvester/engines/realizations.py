@@ -32,6 +32,9 @@ from harvester.statistics.output_moments import OutputMoments
 REALIZATIONS_TOGETHER = 8
 # A waveform has so many periods of small oscillations and so many evenly spaced points.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
+# What the scene alone determines of stored moments, and of their jumps between wells.
+TIMES = ("start", "batch_length", "free", "saddles", "sample_interval")
+WELLS = ("start", "batch_length", "saddles", "limits", "ends", "energies")
 # From so many realizations on each has the fewest batches. The number of realizations is then no
 # part of the tasks' names, so that a longer run continues a shorter one.
 MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
@@ -180,8 +183,7 @@ class Realizations:
         scene = self.prepared_scene.scene
         load = scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
-        fit = all(_fits(m, self._template, rows, self.density) for m in moments)
-        fit &= all(_strain_fits(m.strain, self._template.strain, scene.beam) for m in moments)
+        fit = all(_fits(m, self._template, rows, scene.beam, self.density) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -241,66 +243,40 @@ def periods_of(prepared_scene: Prepared) -> float:
     return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
 
 
-def _fits(moments, template, rows, density):
+def _fits(moments, template, rows, beam, density):
     """Whether moments have the shapes and times that the scene gives them, and finite sums.
 
     `rows` are the measures of a load with an output, None of one without.
     """
-    same = ("start", "batch_length", "free", "saddles", "sample_interval")
-    shaped = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
-    if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
+    sums = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
+    if not _is_like(moments, template, TIMES, sums):
         return False
-    if not (_same_shapes(moments, template, shaped) and _finite(moments, shaped)):
-        return False
-    if not _jumps_fit(moments.jumps, template.jumps):
-        return False
-    output, integrals = moments.output, moments.integrals
-    if (rows is None) != (output is None):
-        return False
-    if output is not None:
-        expected, sums = OutputMoments.beside(moments, rows), ("integrals", "measured", "stored")
-        if output.rows != expected.rows or not _finite(output, sums):
-            return False
-        if not _same_shapes(output, expected, (*sums, "first", "latest", "passages")):
-            return False
+    output, strain = moments.output, moments.strain
+    expected = None if rows is None else OutputMoments.beside(moments, rows)
     squares = QUANTITIES.index("square_velocity") + 1
-    return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+    return bool(
+        (moments.integrals[:, :squares] >= 0.0).all()
+        and moments.integrals[:, 0].sum() > 0.0
+        and _is_like(moments.jumps, template.jumps, WELLS, ("times", "counts"), least=0.0)
+        and _is_like(output, expected, ("rows",), ("integrals", "measured", "stored"))
+        and _is_like(output, expected, shaped=("first", "latest", "passages"))
+        and _is_like(strain, template.strain, ("rows",), ("squares", "peaks"), least=0.0)
+        and (strain is None or _damage_fits(strain.damage, len(strain.squares), beam))
+    )
 
 
-def _same_shapes(stored, template, names):
-    return all(np.shape(getattr(stored, n)) == np.shape(getattr(template, n)) for n in names)
+def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
+    """Whether what was stored has the template's values, and the shapes of its finite sums."""
+    if stored is None or template is None:
+        return stored is template
+    values = {n: np.asarray(getattr(stored, n)) for n in (*same, *sums, *shaped)}
+    shapes = all(values[n].shape == np.shape(getattr(template, n)) for n in (*sums, *shaped))
+    finite = all((np.isfinite(values[n]) & (values[n] >= least)).all() for n in sums)
+    return shapes and finite and all(np.array_equal(values[n], getattr(template, n)) for n in same)
 
 
-def _finite(stored, names):
-    return all(np.isfinite(getattr(stored, name)).all() for name in names)
-
-
-def _jumps_fit(jumps, template):
-    """Whether stored jumps between wells have the shapes and finite values of the template."""
-    if jumps is None or template is None:
-        return jumps is template
-    counted = ("times", "counts")
-    for name in (attribute.name for attribute in dataclasses.fields(template)):
-        stored, expected = getattr(jumps, name), getattr(template, name)
-        if name in counted:
-            if (
-                np.shape(stored) != expected.shape
-                or not (np.isfinite(stored) & (stored >= 0.0)).all()
-            ):
-                return False
-        elif name not in ("well", "time") and not np.array_equal(stored, expected):
-            return False
-    return True
-
-
-def _strain_fits(strain, template, beam):
-    """Whether stored strain of a beam's layers fits the template, with finite values ≥ 0."""
-    if strain is None or template is None:
-        return strain is template
-    arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]
-    if (strain.damage is None) != (beam.fatigue_line is None):
-        return False
-    if strain.damage is not None:
-        arrays.append((strain.damage, template.squares[:, 0]))
-    shaped = all(np.shape(a) == b.shape and (np.isfinite(a) & (a >= 0.0)).all() for a, b in arrays)
-    return shaped and np.array_equal(strain.rows, template.rows)
+def _damage_fits(damage, batches, beam):
+    """Whether the stored damage is that of a beam with a line of Basquin, or of one without."""
+    if damage is None or beam.fatigue_line is None:
+        return damage is beam.fatigue_line
+    return np.shape(damage) == (batches,) and (np.isfinite(damage) & (damage >= 0.0)).all()
