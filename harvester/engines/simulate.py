@@ -138,7 +138,8 @@ def simulate(
 
         return average(scene, method=method.check_options_agree(options, DEFAULTS))
     from harvester.engines import outcome, spread
-    from harvester.engines.orbits import attractors, several_starts
+    from harvester.engines.orbits import attractors
+    from harvester.scene.paths import several_starts
     from harvester.scene.prepared import prepared
     from harvester.statistics.range_watch import leaves_range
 

@@ -78,7 +78,7 @@ def calls_of(
     indices = range(distinct_realizations(prepared_scene))
     return [
         {
-            "scene": prepared_scene.scene,
+            "prepared_scene": prepared_scene,
             "engine": engine,
             "indices": list(indices[start : start + copies]),
             "window": None,

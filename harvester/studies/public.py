@@ -209,7 +209,8 @@ def frequency_response(
     names = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
-    scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
+    prepared_scene = prepared(scene)
+    scenes: list[Any] = [work.stepped(prepared_scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
@@ -230,7 +231,7 @@ def frequency_response(
         engine=engine.name,
         frequencies=rising,
         sweeps=sweeps,
-        scales=prepared(scene).scales,
+        scales=prepared_scene.scales,
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
