@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
 
 from harvester.statistics.estimate import Estimate, why_no_error
 
@@ -178,6 +177,8 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
+        from scipy.special import stdtrit
+
         # Student's quantile for 95 %: two or three batches rarely show how far they scatter.
         few = float(stdtrit(mean.size - 1, 0.975)) / 1.96
         scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)

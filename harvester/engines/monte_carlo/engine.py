@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.base.compilation import numba
+from harvester.base import compilation
 from harvester.base.errors import SolutionDiverged
 from harvester.device import contact
 from harvester.device.record import Observer, Record
@@ -92,7 +92,7 @@ def run_realizations(
                 other.add(record_of(columns, points, k))
     chosen = scheme_of(s, engine.scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{chosen.value}, numba {numba.__version__}",
+        "engine_version": f"{chosen.value}, numba {compilation.numba.__version__}",
         "netlist_sha256": None,
     }
 
