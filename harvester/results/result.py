@@ -283,8 +283,8 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            centre, errors = density.centre * scale, density.standard_error
-            errors = [None] * centre.size if errors is None else errors / scale
+            centre, error = density.centre * scale, density.standard_error
+            errors = [None] * centre.size if error is None else error / scale
             columns = zip(centre, density.density / scale, errors, strict=True)
             rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)

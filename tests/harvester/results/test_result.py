@@ -81,7 +81,7 @@ def test_densities_are_a_frame_in_the_scenes_units(result):
 
 
 def test_a_style_that_there_is_not_leads_to_the_one_that_is(result):
-    with pytest.raises(harvester.UnknownOption, match="no option color .did you mean colour"):
+    with pytest.raises(harvester.UnknownOption, match=r"no option color .did you mean colour"):
         result.draw_density(None, "displacement", color="red")
 
 

@@ -93,7 +93,7 @@ def test_a_result_answers_by_the_names_of_its_table():
     ):
         example["power"]
     with pytest.raises(
-        harvester.UnknownQuantity, match="mean power: no circut .did you mean circuit"
+        harvester.UnknownQuantity, match=r"mean power: no circut .did you mean circuit"
     ):
         example["mean_power"]["circut"]
     with pytest.raises(harvester.UnknownQuantity, match="no table density; there are shown, data"):

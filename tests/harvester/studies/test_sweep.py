@@ -90,7 +90,7 @@ def test_every_quantity_of_a_place_can_be_asked_for(swept):
     (cell,) = (c for point, c in swept.places() if (c.method, *point) == place)
     assert power.estimate == cell.estimates["mean_power"].estimate
     assert "mean_square_velocity" in list(swept)
-    with pytest.raises(harvester.UnknownQuantity, match="there are .*consistent"):
+    with pytest.raises(harvester.UnknownQuantity, match=r"there are .*consistent"):
         swept["mean_power"]["consistent"]
 
 
