@@ -286,7 +286,7 @@ def _likely(fitted, seed):
     draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
     draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
     responses = fitted.shooting.responses
-    possible = (draw for draw in draws if responses.device(0, draw) is not None)
+    possible = (draw for draw in draws if responses.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
 

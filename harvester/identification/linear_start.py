@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
 from harvester.scene.numbers import numbers
@@ -61,7 +60,7 @@ class Motion:
 
         if self.measured:
             return self
-        slow = SLOW_SHARE * frequencies(measurement)[0]
+        slow = SLOW_SHARE * measurement.frequencies[0]
         sections = signal.butter(2, slow, "highpass", fs=measurement.sampling_rate, output="sos")
         return replace(self, x=signal.sosfiltfilt(sections, self.x))
 
@@ -74,7 +73,7 @@ def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
     """
     rate, transducer = measurement.sampling_rate, system.transducer
     outputs = measurement.outputs
-    smooth = _smoother(frequencies(measurement)[1], rate)
+    smooth = _smoother(measurement.frequencies[1], rate)
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
@@ -168,7 +167,7 @@ def as_it_is(
     motions = []
     for number in range(len(responses.experiments)):
         system, scales = responses.known_device(number, values)
-        seen = motion(system, scales, responses.shown(number, values))
+        seen = motion(system, scales, responses.at(number, values).shown)
         motions.append(seen if centre is None else seen.centred(centre))
     return StartingPoint(values, motions)
 
@@ -200,7 +199,7 @@ def regressed(
         return starts
     for changed, origin in best.results():
         changed = np.clip(changed, low, high)
-        if responses.device(number, changed) is None:
+        if responses.at(number, changed).device is None:
             continue
         start = as_it_is(responses, changed)
         # The regression gives only this record's origin; the other records' motions begin about the
@@ -223,11 +222,11 @@ def _of_electrical(responses, values, number, factor, drifts):
     if "piezo.capacitance" in responses.keys:
         capacitance = factor * values[responses.keys.index("piezo.capacitance")]
         values = _with(responses, values, {"piezo.capacitance": capacitance})
-    equations = responses.device(number, values)
+    equations = responses.at(number, values).device
     if equations is None:
         return None
     system, scales = equations
-    seen = motion(system, scales, responses.shown(number, values))
+    seen = motion(system, scales, responses.at(number, values).shown)
     if not drifts:
         seen = seen.without_drift(responses.experiments[number].measurement)
     return _Regression(responses, values, number, system, scales, seen)
@@ -254,14 +253,14 @@ class _Regression:
         # The drive has an unknown factor, and the motion a known scale.
         self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*responses.keys}) and not self.centred
         rate = experiment.measurement.sampling_rate
-        period = 1.0 / frequencies(experiment.measurement)[0]
+        period = 1.0 / experiment.measurement.frequencies[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
         # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
         u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
         bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
         self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
         self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        eta = responses.excitation(number, values)[:: experiment.steps]
+        eta = responses.at(number, values).excitation[:: experiment.steps]
         self.drive = self._integrated(eta)
         self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
         self.inertia = self._integrated(self.z, 2)
@@ -457,7 +456,7 @@ def _with_velocity_scale(responses, start):
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):
-        scale = responses.velocity_scale(number, path.v * responses.length, start.values)
+        scale = responses.at(number, start.values).velocity_scale(path.v * responses.length)
         if scale:
             values = _with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
             return StartingPoint(values, start.motions)

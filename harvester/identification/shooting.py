@@ -399,7 +399,7 @@ def placed(
     """
     responses = shooting.responses
     system, scales = responses.known_device(number, fit.values)
-    seen = motion(system, scales, responses.shown(number, fit.values))
+    seen = motion(system, scales, responses.at(number, fit.values).shown)
     places = fit.edges[number][:-1]
     states = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:
