@@ -272,7 +272,7 @@ class FromImpedance:
         last = len(responses.experiments) - 1
 
         def numbers_of(values):
-            system, _ = responses.known_device(last, values)
+            system, _ = responses.at(last, values).known_device
             square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
             rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)
             resonance = rate / (2.0 * math.pi)

@@ -176,22 +176,6 @@ class Responses:
         """One experiment with values of the unknowns."""
         return Trial(self, number, dict(zip(self.keys, map(float, values), strict=True)))
 
-    def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
-        """Scaled equations of one experiment at values that the scene must accept.
-
-        Raises
-        ------
-        IdentificationError
-            The scene refuses the values.
-        """
-        equations = self.at(number, values).device
-        if equations is None:
-            raise IdentificationError(
-                "the fit reached values that the scene refuses: check the columns' units and "
-                "signs, free fewer (--free), or begin nearer (--set)"
-            )
-        return equations
-
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
@@ -293,6 +277,22 @@ class Trial:
         drag = getattr(system.damper, "quadratic_damping", 0.0)
         damper = QuadraticDamper(system.damper.damping, drag)
         return system._replace(spring=_padded(system.spring), damper=damper), scales
+
+    @property
+    def known_device(self) -> tuple[System, Scales]:
+        """Scaled equations at values that the scene must accept.
+
+        Raises
+        ------
+        IdentificationError
+            The scene refuses the values.
+        """
+        if self.device is None:
+            raise IdentificationError(
+                "the fit reached values that the scene refuses: check the columns' units and "
+                "signs, free fewer (--free), or begin nearer (--set)"
+            )
+        return self.device
 
     def sensor(self, key: str) -> float:
         """A sensor's effect: free, or as given for this record."""
