@@ -10,7 +10,6 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor
@@ -139,7 +138,7 @@ def _check_kept_aside(scene, fitted, aside):
 
 
 def _check_record(record):
-    median, _ = frequencies(record)
+    median, _ = record.frequencies
     periods, per_period = median * record.duration, record.sampling_rate / median
     if periods < FEWEST_PERIODS:
         raise IdentificationError(

@@ -22,7 +22,6 @@ from harvester.identification import intervals
 from harvester.identification.identifiability import Undetermined, undetermined
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
-from harvester.identification.measurement import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
     FINE_STEPS,
@@ -59,7 +58,7 @@ from harvester.identification.unknowns import (
 from harvester.identification.validation_record import (
     ValidationRecord,
     predicted_lines,
-    prediction,
+    validated,
 )
 from harvester.scene.units import setting
 
@@ -115,10 +114,9 @@ class Fitted:
         return undetermined(self.shooting.unknowns, self.values, self.covariance)
 
     @property
-    def leaves_noise(self) -> bool:
-        """Whether the residuals of the data kept aside are only noise, so that no model can
-        be better."""
-        return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
+    def explains(self) -> bool:
+        """Whether the fit leaves only the sensors' noise of every record."""
+        return all(record.is_explained for record in self.records)
 
     @property
     def keys(self) -> list[str]:
@@ -221,7 +219,7 @@ def responses_of(
 def _interpolations(measurements):
     """Interpolations to try between samples: only the smooth one where samples are few."""
     rates = [
-        record.sampling_rate / frequencies(record)[0]
+        record.sampling_rate / record.frequencies[0]
         for record in measurements
         if not isinstance(record, MeasuredResponse)
     ]
@@ -313,7 +311,7 @@ def fitted(
         settled, alone = in_short_windows(alone, windows, spans), alone.frozen()
         if alone.linearized(settled):
             settled = followed(alone, settled)
-        records = [prediction(alone, settled, number) for number in range(len(times))]
+        records = [validated(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
     kept = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
     records += [predicted_lines(kept, fit.values, len(times) + n) for n in range(len(lines))]
@@ -441,7 +439,7 @@ def _warmed(coarse, fine, free, warm):
     shooting = warm.shooting.beside(fine, free)
     values = np.array([unknown.start for unknown in free])
     rival, fit = warm.fit.cost, warm.fit
-    if warm.leaves_noise:
+    if warm.explains:
         begun = ShootingFit(values, fit.edges, fit.starts, fit.noise)
         near = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if near.cost < HOPELESS * rival:

@@ -159,7 +159,7 @@ class Identification(ResultBase):
         reference = self.fitted.shooting.responses
         responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
         responses.interpolation = self.fitted.interpolation
-        system, _ = responses.known_device(0, self.fitted.values)
+        system, _ = responses.at(0, self.fitted.values).known_device
         start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
         _, _, outputs = responses.states(0, self.fitted.values, edges, start)

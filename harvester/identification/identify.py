@@ -109,7 +109,6 @@ def identify(
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.unknowns import MASS, checked_keys, default_keys
-    from harvester.identification.validation_record import validated
     from harvester.identification.verdict import FitEvidence, verdict
 
     clock = time.perf_counter()
@@ -153,13 +152,11 @@ def identify(
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
-    left = validated(base)
-    explained = all(record.is_explained for record in left)
     narrow = base
-    if base.settled and not explained:
+    if base.settled and not base.explains:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = replace(base, covariance=base.covariance + moved)
-    models = [rivals.Rival("as given", base, explains=explained)]
+    models = [rivals.Rival("as given", base, explains=base.explains)]
 
     def report(name: str) -> None:
         # How many rivals there will be is not known: each takes a share of what is left.
@@ -171,12 +168,14 @@ def identify(
     stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
     evidence = FitEvidence(
-        records=left,
+        records=base.records,
         rivals=models,
-        spring=rivals.next_power(base) if explained else None,
+        spring=rivals.next_power(base) if base.explains else None,
         errors=base.relative_errors,
-        assumptions=assumptions(base) if explained else [],
-        whole=kept_aside(narrow, aside, where, left, scene.run.seed, stages) if where else [],
+        assumptions=assumptions(base) if base.explains else [],
+        whole=kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
+        if where
+        else [],
         visited=where,
     )
     stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
@@ -234,11 +233,10 @@ def _determined(
     """
     from harvester.identification.fitting import fitted
     from harvester.identification.identifiability import to_keep
-    from harvester.identification.validation_record import explains
 
     undetermined: list[tuple[str, Undetermined]] = []
     model = fitted(scene, measurements, keys, follow=follow)
-    while drop and (unclear := to_keep(model)) and explains(model):
+    while drop and (unclear := to_keep(model)) and model.explains:
         undetermined += unclear
         kept = {key for key, _ in undetermined}
         keys = [key for key in model.keys if key not in kept]

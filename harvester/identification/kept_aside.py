@@ -158,7 +158,7 @@ def visited(fitted: Fitted) -> Visited | None:
         for intervals, column in ((displacement, 0), (velocity, 1)):
             values = np.concatenate([path[:, column] for path in states]) * responses.length
             intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
-    system, scales = responses.known_device(0, fitted.values)
+    system, scales = responses.at(0, fitted.values).known_device
     si = fitted.scene.units == "SI"
     loads = {_load(experiment.scene) for experiment in experiments}
     ranges = tuple(displacement)
@@ -286,7 +286,7 @@ def _likely(fitted, seed):
     draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
     draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
     responses = fitted.shooting.responses
-    possible = (draw for draw in draws if responses.device(0, draw) is not None)
+    possible = (draw for draw in draws if responses.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
 
@@ -319,7 +319,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
         for draw, values in zip(draws, local, strict=True)
     ]
     problem, repeats = problems[0], _repeats(measurement)
-    system, _ = problem.responses.known_device(0, np.zeros(0))
+    system, _ = problem.responses.at(0, np.zeros(0)).known_device
     saddles = np.sort(timescales.saddles(system))
     # A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in
     # both: those of one well are taken if they fit about as well.

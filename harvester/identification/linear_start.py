@@ -19,17 +19,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
-    from harvester.device.system import System
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses
+    from harvester.identification.response import Responses, Trial
     from harvester.identification.unknowns import Unknown
-    from harvester.scene.units import Scales
 
 # Frequencies below this share of the median frequency count as drift and are removed.
 SLOW_SHARE = 0.15
@@ -61,20 +58,21 @@ class Motion:
 
         if self.measured:
             return self
-        slow = SLOW_SHARE * frequencies(measurement)[0]
+        slow = SLOW_SHARE * measurement.frequencies[0]
         sections = signal.butter(2, slow, "highpass", fs=measurement.sampling_rate, output="sos")
         return replace(self, x=signal.sosfiltfilt(sections, self.x))
 
 
-def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
+def motion(trial: Trial) -> Motion:
     """The motion that belongs to a record, computed with the scene's transducer.
 
     With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
     x = ∫x' where the voltage follows the velocity at once.
     """
+    (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
     outputs = measurement.outputs
-    smooth = _smoother(frequencies(measurement)[1], rate)
+    smooth = _smoother(measurement.frequencies[1], rate)
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
@@ -165,11 +163,9 @@ def as_it_is(
 ) -> StartingPoint:
     """The start at given values with the motions that follow from them, centred if `centre`
     is given."""
-    motions = []
-    for number in range(len(responses.experiments)):
-        system, scales = responses.known_device(number, values)
-        seen = motion(system, scales, responses.shown(number, values))
-        motions.append(seen if centre is None else seen.centred(centre))
+    motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
+    if centre is not None:
+        motions = [path.centred(centre) for path in motions]
     return StartingPoint(values, motions)
 
 
@@ -190,17 +186,19 @@ def regressed(
         np.array([getattr(unknown, name) for unknown in unknowns])
         for name in ("start", "low", "high")
     )
-    tried = [
-        _of_electrical(responses, values, number, factor, drifts)
-        for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
-    ]
-    best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
+    capacitance = np.array([key == "piezo.capacitance" for key in responses.keys])
+    trials = (
+        responses.at(number, np.where(capacitance, factor, 1.0) * values)
+        for factor in (ELECTRICAL_FACTORS if capacitance.any() else (1.0,))
+    )
+    tried = [_Regression(trial, drifts) for trial in trials if trial.device]
+    best = min(tried, key=lambda regression: regression.misfit, default=None)
     starts: list[StartingPoint] = []
     if best is None:
         return starts
-    for changed, origin in best.results():
-        changed = np.clip(changed, low, high)
-        if responses.device(number, changed) is None:
+    for known, origin in best.results():
+        changed = np.clip(list(known.values()), low, high)
+        if responses.at(number, changed).device is None:
             continue
         start = as_it_is(responses, changed)
         # The regression gives only this record's origin; the other records' motions begin about the
@@ -210,37 +208,15 @@ def regressed(
     return starts
 
 
-def _with(responses, values, changes):
-    changed = values.copy()
-    for key, value in changes.items():
-        if key in responses.keys and np.isfinite(value):
-            changed[responses.keys.index(key)] = value
-    return changed
-
-
-def _of_electrical(responses, values, number, factor, drifts):
-    """The solved regression for one trial capacitance; None where the scene refuses it."""
-    if "piezo.capacitance" in responses.keys:
-        capacitance = factor * values[responses.keys.index("piezo.capacitance")]
-        values = _with(responses, values, {"piezo.capacitance": capacitance})
-    equations = responses.device(number, values)
-    if equations is None:
-        return None
-    system, scales = equations
-    seen = motion(system, scales, responses.shown(number, values))
-    if not drifts:
-        seen = seen.without_drift(responses.experiments[number].measurement)
-    return _Regression(responses, values, number, system, scales, seen)
-
-
 class _Regression:
     """Weak form of one experiment's equation of motion."""
 
-    def __init__(self, responses, values, number, system, scales, seen):
-        self.responses, self.values, self.number = responses, values, number
-        self.system, self.scales = system, scales
-        experiment = responses.experiments[number]
-        self.scene = experiment.scene
+    def __init__(self, trial, drifts):
+        seen, (system, self.scales) = motion(trial), trial.known_device
+        if not drifts:
+            seen = seen.without_drift(trial.measurement)
+        self.known, self.scene = trial.known, trial.scene
+        experiment = trial.experiment
         self.powers = _powers(self.scene.oscillator)
         self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
         self.mass = self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
@@ -250,19 +226,18 @@ class _Regression:
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
         # The transducer's force has a coefficient to be fitted: β of a scaled scene.
-        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in responses.keys
+        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
         # The drive has an unknown factor, and the motion a known scale.
-        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*responses.keys}) and not self.centred
+        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
         rate = experiment.measurement.sampling_rate
-        period = 1.0 / frequencies(experiment.measurement)[0]
+        period = 1.0 / experiment.measurement.frequencies[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
         # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
         u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
         bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
         self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
         self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        eta = responses.excitation(number, values)[:: experiment.steps]
-        self.drive = self._integrated(eta)
+        self.drive = self._integrated(trial.excitation[:: experiment.steps])
         self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
         self.inertia = self._integrated(self.z, 2)
         self.damping = -self._integrated(self.z, 1)
@@ -277,7 +252,7 @@ class _Regression:
     def _best(self):
         """(misfit, coefficients, scale, gaps' share, names) of the best scale and gaps."""
         known_scale = not (
-            {"piezo.coupling", "coil.coupling"} & set(self.responses.keys)
+            {"piezo.coupling", "coil.coupling"} & set(self.known)
             and self.scene.units == "SI"
             and self.centred
         )
@@ -302,7 +277,7 @@ class _Regression:
         """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
         columns = {"damping": self.damping}
-        if DRAG in self.responses.keys:
+        if DRAG in self.known:
             columns["drag"] = self._integrated(np.abs(self.w) * self.w)
         for power in range(self.degree + 1):
             columns[f"k{power}"] = self._integrated(z**power)
@@ -366,13 +341,12 @@ class _Regression:
             changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
-        return _with(self.responses, self.values, changes), shift
+        solved = {k: changes[k] for k in self.known if np.isfinite(changes.get(k, np.nan))}
+        return {**self.known, **solved}, shift
 
     def _value(self, key):
         """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
-        if key in self.responses.keys:
-            return float(self.values[self.responses.keys.index(key)])
-        return float(numbers(self.scene).get(key, (0.0,))[0])
+        return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
@@ -414,7 +388,7 @@ class _Regression:
         """Scaled coefficients of the spring that are not free, by their powers."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
-            if spring_key(self.scene.oscillator, n) not in self.responses.keys:
+            if spring_key(self.scene.oscillator, n) not in self.known:
                 value = self.powers[n] if n < len(self.powers) else 0.0
                 fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
@@ -444,7 +418,7 @@ def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[Start
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift: the motion is tried without it, too.
             starts += regressed(responses, unknowns, number, False)
-    system, _ = responses.known_device(0, values)
+    system, _ = responses.at(0, values).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
@@ -457,8 +431,9 @@ def _with_velocity_scale(responses, start):
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):
-        scale = responses.velocity_scale(number, path.v * responses.length, start.values)
+        scale = responses.at(number, start.values).velocity_scale(path.v * responses.length)
         if scale:
-            values = _with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            known = {**responses.at(number, start.values).known, VELOCITY_SCALE: abs(scale)}
+            values = np.array(list(known.values()))
             return StartingPoint(values, start.motions)
     return start

@@ -109,6 +109,11 @@ class MeasuredResponse:
         return float(self.frequency[np.argmax(np.abs(self.response))])
 
     @property
+    def frequencies(self) -> tuple[float, float]:
+        """Frequencies of the resonance and of the last line (Hz)."""
+        return self.resonance, float(self.frequency[-1])
+
+    @property
     def aside(self) -> np.ndarray:
         """Mask of the lines that are kept aside."""
         return np.arange(self.frequency.size) % KEPT_ASIDE == 1

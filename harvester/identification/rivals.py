@@ -33,7 +33,6 @@ from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
     block_means,
-    explains,
     mean_of,
 )
 from harvester.scene.numbers import numbers
@@ -204,7 +203,7 @@ def _compared(name, base, other):
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
     mean = mean_of(np.array(ratios))
-    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, explains(other))
+    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, other.explains)
 
 
 def proposed(models: Sequence[Rival]) -> Rival:

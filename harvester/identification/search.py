@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.linear_start import starts_from
-from harvester.identification.measurement import frequencies
 from harvester.identification.shooting import (
     Shooting,
     ShootingFit,
@@ -185,7 +184,7 @@ def in_short_windows(
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
     """Edges of the shortest windows from one sample to another."""
-    period = measurement.sampling_rate / frequencies(measurement)[0]
+    period = measurement.sampling_rate / measurement.frequencies[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
     count = max(1, round((last - first) / max(width, FEWEST_SAMPLES)))
     return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))

@@ -397,9 +397,7 @@ def placed(
     reach : (float, float)
         Least and greatest displacement.
     """
-    responses = shooting.responses
-    system, scales = responses.known_device(number, fit.values)
-    seen = motion(system, scales, responses.shown(number, fit.values))
+    seen = motion(shooting.responses.at(number, fit.values))
     places = fit.edges[number][:-1]
     states = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:

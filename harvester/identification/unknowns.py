@@ -12,7 +12,6 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
 from harvester.scene.numbers import numbers
 from harvester.scene.units import restoring_spring, setting
@@ -231,7 +230,7 @@ def sizes_of(
     sizes["oscillator.quadratic_damping"] = damping / speed
     sizes["stoppers.gap"] = reach
     sizes["stoppers.stiffness"] = greatest / reach**1.5
-    frequency = frequencies(measurements[0])[0]
+    frequency = measurements[0].frequencies[0]
     for name in ("acceleration", "voltage"):
         for effect in HIGHPASSES:
             sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
@@ -249,5 +248,5 @@ def first_sizes(
 ) -> dict[str, float]:
     """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
     length = setting(scene).length
-    speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
+    speed = 2.0 * np.pi * measurements[0].frequencies[0] * length
     return sizes_of(scene, measurements, length, speed)

@@ -15,7 +15,7 @@ from measured_records import (
     linear_record,
 )
 
-from harvester.identification import fitting, identifiability, validation_record
+from harvester.identification import fitting, identifiability
 from harvester.identification.identifiability import assumptions, to_keep, undetermined
 from harvester.identification.identify import _determined, identify
 from harvester.identification.unknowns import Unknown
@@ -113,14 +113,13 @@ def test_only_a_model_that_explains_the_records_is_fitted_without_what_they_leav
 
     def fit(scene, records, keys, follow):
         calls.append(keys)
-        return SimpleNamespace(keys=keys)
+        return SimpleNamespace(keys=keys, explains=explained)
 
     monkeypatch.setattr(fitting, "fitted", fit)
     unclear = [("mass", "mass is not determined")]
     monkeypatch.setattr(
         identifiability, "to_keep", lambda model: unclear if "mass" in model.keys else []
     )
-    monkeypatch.setattr(validation_record, "explains", lambda model: explained)
     model, kept = _determined(None, [], ["mass", "damping"], True, None)
     assert calls == [["mass", "damping"], ["damping"]][: 1 + explained]
     assert model.keys == calls[-1]
