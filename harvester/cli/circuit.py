@@ -48,8 +48,7 @@ def netlist(
 
         harvester netlist paper --set run.duration=100 --output paper.cir
     """
-    for path in write(scene, "deck", output, dialect=dialect, step=step, realization=realization):
-        say(f"written: {path}")
+    write(scene, "deck", output, say, dialect=dialect, step=step, realization=realization)
 
 
 def export(
@@ -105,9 +104,7 @@ def export(
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
     with progress("export"):
-        paths = write(scene, kind, output, say, **options)
-    for path in paths:
-        say(f"written: {path}")
+        write(scene, kind, output, say, **options)
 
 
 def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:

@@ -283,9 +283,9 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            centre, error = density.centre * scale, density.standard_error
-            errors = [None] * centre.size if error is None else error / scale
-            columns = zip(centre, density.density / scale, errors, strict=True)
+            errors: Any = density.standard_error
+            errors = [None] * density.centre.size if errors is None else errors / scale
+            columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
             rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)
 

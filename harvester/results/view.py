@@ -92,6 +92,8 @@ class View:
         The main figure first.
     records : callable or None
         Returns the Table of all numbers, one record a row, where `table` shows a selection.
+    keys : int
+        Number of the table's first columns that tell its rows apart; 0: as few as do so.
     is_series : bool
         Whether a data frame has the records, as they are a curve that the table sums up.
     dataset : callable or None
@@ -110,6 +112,7 @@ class View:
     alarms: Sequence[str] = ()
     pictures: Sequence[Picture] = ()
     records: Callable[[], Table | tuple] | None = None
+    keys: int = 0
     is_series: bool = False
     dataset: Callable[[], Dataset] | None = None
     texts: Callable[[], Mapping[str, str]] | None = None
@@ -166,7 +169,8 @@ class ResultBase(ABC):
         view = self.view()
         header, rows = view.data() if view.is_series else view.table
         names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]
-        numbers, keys = Named(f"{type(self).__name__}: no", {}), key_columns(rows, len(names))
+        numbers = Named(f"{type(self).__name__}: no", {})
+        keys = view.keys or key_columns(rows, len(names))
         for row in rows:
             place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):

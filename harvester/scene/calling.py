@@ -59,17 +59,16 @@ def _with_progress(
 
 
 def _refuse_meant(function, option, accepted):
-    """Refuse an option by its command's spelling, and one that is a key of the scene."""
+    """Refuse a key of the scene, and an option by the spelling of its command."""
     from harvester.scene.tables import all_keys
 
-    meant = [f" (did you mean {n}?)" for n, item in accepted.items() if item.kind.option == option]
-    meant += [
-        f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
-        for key in all_keys()
-        if key.partition(".")[2] == option
-    ]
-    if meant:
-        raise UnknownOption(f"{function}: no option {option}{meant[0]}")
+    hints = {
+        key.partition(".")[2]: f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+        for key in reversed([*all_keys()])
+    }
+    hints |= {item.kind.option: f" (did you mean {name}?)" for name, item in accepted.items()}
+    if option in hints:
+        raise UnknownOption(f"{function}: no option {option}{hints[option]}")
 
 
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:

@@ -184,6 +184,7 @@ class FrequencyResponse(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=2,
             dataset=self._dataset,
         )
 

@@ -43,6 +43,8 @@ from harvester.engines.simulate import TIME_LIMIT, require_paths, simulate
 from harvester.scene.calling import checked, scene_of, takes_scene
 from harvester.studies import JUDGED, ROWS, TIME_BUDGET
 
+COVARIANCE = Kind("FILE", "a dictionary or a path", lambda v: isinstance(v, (Mapping, str, Path)))
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
@@ -499,7 +501,7 @@ def sensitivity(
     scene: Scene,
     vary: Distributions | None = None,
     *,
-    covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
+    covariance: Annotated[Mapping[str, Any] | str | Path, COVARIANCE] | None = None,
     quantity: str | None = None,
     method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,

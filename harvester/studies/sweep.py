@@ -141,6 +141,7 @@ class Sweep(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=1 + len(self.values),
             dataset=self._dataset,
         )
 

@@ -205,6 +205,7 @@ class LoadStudy(ResultBase):
             alarms=self._alarms(),
             pictures=[Picture(draw, self, name) for name, draw in drawing.FIGURES.items()],
             records=self._records,
+            keys=1 + bool(self.curve_keys[1]),
             dataset=self._dataset,
         )
 

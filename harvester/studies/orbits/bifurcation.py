@@ -143,6 +143,7 @@ class Bifurcation(ResultBase):
             ),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=2,
             is_series=True,
             dataset=self._dataset,
         )

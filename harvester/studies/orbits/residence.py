@@ -129,6 +129,7 @@ class Residence(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)] if self.key else [],
             records=self._records,
+            keys=2,
             dataset=self._dataset,
         )
 

@@ -38,7 +38,7 @@ def test_swept_values_come_in_any_form(values):
         ({"workers": -1}, "workers -1"),
         ({"time_limit": float("nan")}, "time_limit nan"),
         ({"time_budget": "soon"}, "time_budget 'soon'"),
-        ({"executor": 4}, "executor = 4: has no method submit"),
+        ({"executor": 4}, "executor = 4: give a concurrent.futures.Executor"),
         ({"progress": "bar"}, "progress = 'bar': must be a function"),
     ],
 )
