@@ -181,11 +181,8 @@ def simulate(
 def require_paths(scene: Scene, command: str) -> None:
     """Refuse excitations without as many independent paths as a command may ask for."""
     if not scene.excitation.endless:
-        raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
-            'unlimited number of independent paths: set excitation.kind = "spectrum" (harvester '
-            'spectrum makes one of a record) or "ornstein-uhlenbeck"'
-        )
+        spectrum = '"spectrum" (harvester spectrum makes one of a record) or '
+        raise _too_few_paths(scene, command, spectrum)
 
 
 def require_noise(scene: Scene, command: str) -> None:
@@ -193,7 +190,11 @@ def require_noise(scene: Scene, command: str) -> None:
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):
-        raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
-            'unlimited number of independent paths: set excitation.kind = "ornstein-uhlenbeck"'
-        )
+        raise _too_few_paths(scene, command)
+
+
+def _too_few_paths(scene, command, others=""):
+    return HarvesterError(
+        f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an unlimited '
+        f'number of independent paths: set excitation.kind = {others}"ornstein-uhlenbeck"'
+    )
