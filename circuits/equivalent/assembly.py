@@ -227,9 +227,7 @@ def assemble(
     length = knot_spacing(ready) / steps_per_sample(ready, step)
     pace = elements.trapezoidal_prewarp_factor(line * length)
     electrical = ready.network
-    starts = [
-        _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
-    ]
+    begin = [_start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]]
     load = scene.load.circuit
     if load:
         check_turn(load, length)
@@ -237,9 +235,9 @@ def assemble(
 
     def device(start):
         """The definitions that a device needs, and its elements."""
-        definitions, lines = [], []
-        prescribed = isinstance(scene.excitation, PrescribedDisplacement)
-        if prescribed:
+        definitions: list[str] = []
+        lines: list[str] = []
+        if isinstance(scene.excitation, PrescribedDisplacement):
             lines += elements.prescribed_displacement(rate, scene.excitation, scales, electrical)
         elif compiled:
             definitions.append(compact_model.device_line(electrical))
@@ -247,7 +245,7 @@ def assemble(
             lines += _mechanics(system, rate, length, start)
         parts = compact_model.left_out(electrical) if compiled else electrical.elements
         lines += elements.transducer(parts, rate, scales, start[2], pace)
-        if not prescribed:
+        if not scene.excitation.prescribes_displacement:
             lines += elements.pacing(rate, pace, start, slowed)
             lines += elements.excitation(waveform, electrical)
         if load:
@@ -259,25 +257,25 @@ def assemble(
             lines += elements.resistor(table.resistance or 1.0 / table.decay_rate, electrical)
         return definitions, lines
 
-    copies = len(starts)
+    copies = len(begin)
     prefixes = tuple(f"xcopy{copy}." for copy in range(copies)) if copies > 1 else ("",)
     definitions: list[str] = []
     if copies == 1:
-        definitions, lines = device(starts[0])
+        definitions, lines = device(begin[0])
     else:
         # Each copy has its own start. With held speeds it also has its own compression of a stopper
         # at the start.
         arguments = {"held": 3, "start": 0} if elements.holding(system) else {"start": 0}
         defaults = (f"{name}={elements.number(0.0)}" for name in reversed(arguments))
-        inner, parts = device(("{start}", *starts[0][1:3], "{held}"))
+        inner, parts = device(("{start}", *begin[0][1:3], "{held}"))
         lines = [" ".join([f".subckt {DEVICE} ground", *defaults]), *inner, *parts]
         lines.append(f".ends {DEVICE}")
-        for copy, start in enumerate(starts):
+        for copy, start in enumerate(begin):
             values = (f"{name}={start[index]}" for name, index in arguments.items())
             lines.append(" ".join([f"Xcopy{copy} {GROUND} {DEVICE}", *values]))
     if compiled:
         definitions.append(compact_model.model_line(system, rate, electrical, scales, pace))
-        definitions += map(compact_model.start_line, prefixes, starts)
+        definitions += map(compact_model.start_line, prefixes, begin)
     title = f".title harvester scene {scene.name}"
     text = "".join(f"{line}\n" for line in (title, *definitions, *lines))
     _check_expressions(text)

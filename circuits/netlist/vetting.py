@@ -366,7 +366,10 @@ def _coupling(line, rest, scope):
 def _model(line, rest, scope):
     """Further nodes, the model's name, its parameters."""
     card, letter, position, model = line.card, line.name[0], None, ""
-    words, values, flags, named = [], [], [], {}
+    words: list[str] = []
+    values: list[str] = []
+    flags: list[str] = []
+    named: dict[str, str] = {}
     for word in rest:
         if "=" in word:
             pairs = _part_parameter(card, word, scope)
@@ -410,7 +413,9 @@ def _model(line, rest, scope):
 
 def _source(line, rest, scope):
     """Constants and plain waveforms with their numbers; those of ac have no effect."""
-    words, values, waves, named, card = [], [], [], {}, line.card
+    words, named, card = [], {}, line.card
+    values: list[str] = []
+    waves: list[tuple[str, list[str]]] = []
     # Numbers are those of a waveform, of "dc", of "ac" (two), or a constant.
     place, skipped = values, 0
     tokens = _SOURCE_WORD.findall(" ".join(rest))
