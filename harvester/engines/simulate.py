@@ -153,12 +153,10 @@ def simulate(
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
             several = several_starts(prepared_scene)
-            strobe = stroboscope or several
-            together = spread.optimal_batch_size(prepared_scene, engine, pool)
-            calls = spread.calls_of(
-                prepared_scene, engine, together, stretch, joint_density, strobe
-            )
-            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
+            outcomes = spread.outcomes(
+                prepared_scene, engine, pool, time_limit, follow, keep_going or several, stretch,
+                joint_density=joint_density, stroboscope=stroboscope or several,
+            )  # fmt: skip
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
             lost = {
