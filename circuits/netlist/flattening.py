@@ -12,7 +12,6 @@ from circuits.netlist.expression import parse as parse_expression
 from circuits.netlist.scope import Scope
 from circuits.netlist.tree import Subcircuit
 from circuits.netlist.vetting import Line, refuse
-from circuits.netlist.waveform import KINDS as WAVEFORMS
 from circuits.netlist.waveform import waveform
 
 
@@ -155,50 +154,19 @@ def _switch(part):
 
 def _source(part):
     """A constant, or a waveform; what the small-signal analysis takes does not count."""
-    value_of, named = part.scope.value, {}
-    words = [word for word in part.line.words if word not in ("(", ")", ",")]
-    constant, kind, amounts, position = None, None, [], 0
-    while position < len(words):
-        word = words[position]
-        key, equals, text = word.partition("=") if word[0] != "{" else (word, "", "")
-        position += 1
-        if key == "ac":
-            position += 0 if equals else _count_numbers(words[position : position + 2])
-        elif word == "dc" or (equals and key == "dc"):
-            constant = _only(part, constant, text or words[position : position + 1])
-            position += 0 if equals else 1
-        elif not equals and (word in WAVEFORMS or word in ("am", "sine")):
-            if kind:
-                part.refuse(f"two waveforms, {kind} and {word}: keep one")
-            kind = word
-            count = _count_numbers(words[position:])
-            amounts = [value_of(text) for text in words[position : position + count]]
-            position += count
-        elif equals:
-            named[key] = value_of(text)
-        else:
-            constant = _only(part, constant, [word])
-    if "r" in named:
-        part.refuse("r=: ngspice 39 and 46 repeat a pwl differently: write its points out")
-    value = value_of(constant) if constant else 0.0
-    if kind is None:
-        return part.made(value=value)
-    return part.made(wave=waveform(kind, amounts, named.get("td", 0.0)))
-
-
-def _only(part, before, words):
-    if before is not None:
+    values, waves, numbers = part.line.values, part.line.waves, part.numbers()
+    if len(waves) > 1:
+        part.refuse(f"two waveforms, {waves[0][0]} and {waves[1][0]}: keep one")
+    if len(values) > 1:
         part.refuse("two constant values: keep one")
-    if not words:
-        part.refuse("dc without a value")
-    return words if isinstance(words, str) else words[0]
-
-
-def _count_numbers(words):
-    """How many of these are values, up to the first word that is no value."""
-    keywords = ("dc", "ac", "am", "sine", *WAVEFORMS)
-    others = (word in keywords or (word[0] != "{" and "=" in word) for word in words)
-    return next((count for count, other in enumerate(others) if other), len(words))
+    if "r" in numbers:
+        part.refuse("r=: ngspice 39 and 46 repeat a pwl differently: write its points out")
+    value = part.scope.value(values[0]) if values else 0.0
+    if not waves:
+        return part.made(value=value)
+    ((kind, amounts),) = waves
+    amounts = [*map(part.scope.value, amounts)]
+    return part.made(wave=waveform(kind, amounts, numbers.get("td", 0.0)))
 
 
 def _controlled(part):

@@ -271,9 +271,8 @@ def _vetted(card, circuit, scope):
             hint = nearest(name, target.parameters)
             refuse(card, f"{target.name[:40]} has no parameter {name[:40]}{hint}")
     values = {name: check_value(card, value, scope, name) for name, value in pairs.items()}
-    settings = (f"{name}={value}" for name, value in values.items())
-    written = (bare[-1], *settings)
-    return vetting.Line(card, bare[0], tuple(nodes), written, named=values, calls=bare[-1])
+    given = (bare[-1], *(f"{name}={value}" for name, value in values.items()))
+    return vetting.Line(card, bare[0], tuple(nodes), given, named=values, calls=bare[-1])
 
 
 def _single_resistance(top, parts):

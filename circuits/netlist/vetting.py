@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple, NoReturn
 
 from circuits.netlist.dialects import in_ngspices_words
@@ -97,6 +98,7 @@ class Line(NamedTuple):
     models : of R, C, L all that it names.
     named : name=value settings.
     flags : "on" or "off".
+    waves : kind and numbers of each waveform of a source; its `values` are constants.
     expression : of a B, or of E and G with value=; `voltage` if it sets one.
     calls : sub-circuit of an X.
     """
@@ -111,6 +113,7 @@ class Line(NamedTuple):
     models: tuple[str, ...] = ()
     named: Mapping[str, str] = {}
     flags: tuple[str, ...] = ()
+    waves: tuple[tuple[str, list[str]], ...] = ()
     expression: str = ""
     voltage: bool = False
     calls: str = ""
@@ -362,8 +365,11 @@ def _coupling(line, rest, scope):
 
 def _model(line, rest, scope):
     """Further nodes, the model's name, its parameters."""
-    card, letter, position = line.card, line.name[0], None
-    words, values, flags, named = [], [], [], {}
+    card, letter, position, model = line.card, line.name[0], None, ""
+    words: list[str] = []
+    values: list[str] = []
+    flags: list[str] = []
+    named: dict[str, str] = {}
     for word in rest:
         if "=" in word:
             pairs = _part_parameter(card, word, scope)
@@ -371,13 +377,13 @@ def _model(line, rest, scope):
             words += [f"{key}={value}" for key, value in pairs]
         elif position is None:
             if word in scope.models:
-                position = len(words)
+                position, model = len(words), word
             else:
                 check_nodes(card, [word])
             words.append(word)
         elif word in FLAGS:
             words.append(word)
-            flags.append(word)
+            (flags if word in ("on", "off") or letter in "sw" else values).append(word)
         else:
             if letter in "msw":
                 refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
@@ -394,31 +400,59 @@ def _model(line, rest, scope):
         refuse(card, f"no .model {missing}: copy that part's .model line into the file")
     if position > _FURTHER.get(letter, 0) or (letter == "w" and not position):
         refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
-    further = tuple(words[:position])
+    further = tuple(word for word in words[:position] if "=" not in word)
+    if letter == "w":
+        line = line._replace(controls=further)
+    else:
+        line = line._replace(nodes=line.nodes + further)
+        words = words[len(further) :]
     return line._replace(
-        nodes=line.nodes + further * (letter != "w"), controls=further * (letter == "w"),
-        words=tuple(words[position * (letter != "w") :]), models=(words[position],),
-        values=(*values,), flags=(*flags,), named=named,
-    )  # fmt: skip
+        words=(*words,), models=(model,), values=(*values,), flags=(*flags,), named=named
+    )
 
 
 def _source(line, rest, scope):
-    """A number or one of the plain waveforms with numbers."""
-    words, card = [], line.card
-    for word in _SOURCE_WORD.findall(" ".join(rest)):
-        if word in WAVEFORMS or word in "(),":
+    """Constants and plain waveforms with their numbers; those of ac have no effect."""
+    words, named, card = [], {}, line.card
+    values: list[str] = []
+    waves: list[tuple[str, list[str]]] = []
+    # Numbers are those of a waveform, of "dc", of "ac" (two), or a constant.
+    place, skipped = values, 0
+    tokens = _SOURCE_WORD.findall(" ".join(rest))
+    after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))
+    for k, word in enumerate(tokens):
+        following = tokens[after[k]] if k in after else "="
+        if word in "(),":
             words.append(word)
+        elif word == "dc" and (following in WAVEFORMS or re.match(r"\w*=", following)):
+            refuse(card, f"{line.name}: dc without a value")
+        elif word in WAVEFORMS:
+            words.append(word)
+            skipped = 2 if word == "ac" else 0
+            place = values
+            if word not in ("dc", "ac"):
+                place = []
+                waves.append((word, place))
         elif "=" in word and word[0] != "{":
             match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
             if not match:
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
-            words.append(f"{match.group(1)}={check_value(card, match.group(2), scope)}")
+            key, value = match.group(1), check_value(card, match.group(2), scope)
+            words.append(f"{key}={value}")
+            place, skipped = values, 0
+            if key == "dc":
+                values.append(value)
+            elif key != "ac":
+                named[key] = value
         elif word[0].isalpha() and word not in scope.parameters:
             waveforms = ", ".join(sorted(WAVEFORMS))
             refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
         else:
             words.append(check_value(card, word, scope))
-    return line._replace(words=(*words,))
+            if not skipped:
+                place.append(words[-1])
+            skipped = max(skipped - 1, 0)
+    return line._replace(words=(*words,), values=(*values,), waves=(*waves,), named=named)
 
 
 def _controlled(line, rest, scope):

@@ -270,11 +270,9 @@ def check_step(step: str | float) -> str | float:
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
-    """Refuse what is no option of any engine, whichever is named."""
-    check_step(options.get("step", "default"))
-    check_name("source", options.get("source", "external"), SOURCES)
-    check_name("device", options.get("device", "automatic"), DEVICES)
-    _check_number_of_copies(options.get("copies"))
+    """Refuse what is no option of any engine, whichever is named: the circuit has them all."""
+    stated = {name: options.get(name) for name in ("step", "source", "device", "copies")}
+    Circuit().with_options(stated)
 
 
 def _check_number_of_copies(copies: int | None) -> None:
