@@ -146,7 +146,7 @@ def name_by_sources() -> None:
         digest = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
         return name_alone(self, sig, codegen), digest
 
-    caching.Cache._index_key = index_key  # type: ignore[method-assign]
+    caching.Cache._index_key = index_key
 
 
 def load_alone() -> None:
@@ -160,7 +160,7 @@ def load_alone() -> None:
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
 
-    caching.Cache.load_overload = load_overload  # type: ignore[method-assign]
+    caching.Cache.load_overload = load_overload
 
 
 def wait_for_other_processes() -> None:

@@ -203,7 +203,9 @@ class MonteCarlo(Engine):
 
         require_mass(scene, "Monte Carlo")
         if not scene.load.is_resistor:
-            _integrator(scene).circuit_of(prepared(scene))
+            from circuits.kernel.assembly import collect
+
+            collect(prepared(scene))
 
     def prepare(self, prepared_scene: Prepared) -> None:
         """See `Engine`."""
