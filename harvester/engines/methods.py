@@ -199,7 +199,9 @@ class MonteCarlo(Engine):
 
         require_mass(scene, "Monte Carlo")
         if not scene.load.is_resistor:
-            self.simulator(scene).circuit_of(prepared(scene))
+            from circuits.kernel.assembly import collect
+
+            collect(prepared(scene))
 
     def simulator(self, scene: Scene) -> Any:
         """The loop for a resistor as load, or the one for a netlist."""

@@ -10,6 +10,7 @@ import contextlib
 import math
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
@@ -102,8 +103,6 @@ def validate(
 
         harvester validate paper --output results --report paper.html
     """
-    from harvester.averaging.closures import CLOSURES
-    from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
@@ -113,14 +112,12 @@ def validate(
 
     parameters = prepared(scene).system
     until = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
-    closures, refused = {}, {}
-    for closure in CLOSURES:
-        try:
-            closures[closure] = average(scene, method=closure, jump_rates=True)
-        except (AveragingError, LoadError) as error:
-            refused[closure] = str(error)
     results, stages = [], Stages(progress) if progress else None
-    with running(runner, executor, scene.run.realizations, workers) as pool:
+    with (
+        ThreadPoolExecutor(1) as meanwhile,
+        running(runner, executor, scene.run.realizations, workers) as pool,
+    ):
+        averaged = meanwhile.submit(_averaged, scene)
         for method, (begin, end) in comparison.SHARES.items():
             if stages:
                 stages.begin(begin, end, method)
@@ -137,7 +134,22 @@ def validate(
             results.append(result)
     circuit, monte_carlo = results
     paired = paired_difference(circuit, monte_carlo)
+    closures, refused = averaged.result()
     return comparison.Comparison(circuit, monte_carlo, closures, refused, paired)
+
+
+def _averaged(scene):
+    """The scene by all closures, and why others refuse it."""
+    from harvester.averaging.closures import CLOSURES
+    from harvester.averaging.of_scene import average
+
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, method=closure, jump_rates=True)
+        except (AveragingError, LoadError) as error:
+            refused[closure] = str(error)
+    return closures, refused
 
 
 @takes_scene

@@ -69,7 +69,7 @@ import sys, threading, time, _thread
 def sample(log, parts, main, last):
     clock, used = time.pthread_getcpuclockid(main), 0.0
     while True:
-        time.sleep(0.004)
+        time.sleep(0.01)
         frame, part = sys._current_frames().get(main), "other"
         while frame is not None and part == "other":
             where = f"{frame.f_code.co_filename}:{frame.f_code.co_name}"
