@@ -190,7 +190,7 @@ class Command:
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.base.writing import write_text
-                from harvester.cli.report import page_of
+                from harvester.results.report import page_of
 
                 write_text(report, page_of(result, title))
                 say(f"written: {report}")

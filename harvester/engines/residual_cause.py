@@ -8,7 +8,6 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.scene.passband import misplacement
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_contact
 from harvester.statistics.balance import stored_change
 from harvester.statistics.moments import QUANTITIES
@@ -35,7 +34,7 @@ def suspected_cause(result: Result) -> str:
 
 def _causes(result):
     """Clauses on the causes that the evidence suggests, the most certain first."""
-    prepared_scene = prepared(result.scene)
+    prepared_scene = result.prepared_scene
     system, converter = prepared_scene.system, result.scaled_quantities.get("mean_converter_loss")
     # Integrals of each realization, and the change of its stored energy.
     sums = np.array([m.integrals.sum(axis=0) for m in result.moments])

@@ -21,6 +21,8 @@ from harvester.records.quantities import QUANTITIES
 
 # Fewest frequencies in a response. One line in three is kept aside.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
+# Noise that the first fit assumes, as a share of an output's rms; relative noise of an impedance.
+ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
 # A response is conjugated if it turns by more than this share of all its turning, lines weighted by
 # their squares, towards larger phases: a device's turns the other way, noise either way.
 RISING = 0.5
@@ -96,9 +98,20 @@ class MeasuredResponse:
         return {"voltage": np.abs(self.response)}
 
     @property
+    def assumed_noise(self) -> np.ndarray:
+        """Noise of each output that the first fit assumes."""
+        level = ASSUMED_NOISE * float(np.sqrt(np.mean(np.abs(self.response) ** 2)))
+        return np.full(len(self.outputs), level)
+
+    @property
     def resonance(self) -> float:
         """Frequency of the greatest amplitude (Hz)."""
         return float(self.frequency[np.argmax(np.abs(self.response))])
+
+    @property
+    def frequencies(self) -> tuple[float, float]:
+        """Frequencies of the resonance and of the last line (Hz)."""
+        return self.resonance, float(self.frequency[-1])
 
     @property
     def aside(self) -> np.ndarray:
@@ -229,6 +242,11 @@ class MeasuredImpedance(MeasuredResponse):
     def sensed(self) -> dict[str, np.ndarray]:
         """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
+
+    @property
+    def assumed_noise(self) -> np.ndarray:
+        """Relative noise of both outputs that the first fit assumes."""
+        return np.full(2, ASSUMED_IMPEDANCE_NOISE)
 
     def check(self) -> None:
         """Raise IdentificationError if there are too few frequencies."""

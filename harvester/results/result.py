@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from harvester.results.waveform import Waveform
 from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.units import Scales, scale
 from harvester.statistics.estimate import Density, Estimate, with_roots
 from harvester.statistics.joint_density import JointDensity
@@ -163,6 +165,11 @@ class Result(ResultBase):
     def _numbers(self) -> Named:
         """All estimates that the table shows: each mean square is followed by its root."""
         return Named(f"{self.scene.name}: no quantity", with_roots(self.quantities))
+
+    @cached_property
+    def prepared_scene(self) -> Prepared:
+        """The prepared scene of the run."""
+        return prepared(self.scene)
 
     @property
     def seed(self) -> int:

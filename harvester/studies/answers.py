@@ -16,7 +16,7 @@ from harvester.engines.realization import quantity_names
 from harvester.engines.request import COMPLETE, Request
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import has_own_knots, knot_spacing, resolving
+from harvester.scene.steps import has_own_knots, resolving, spacing_of
 from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.strain import without_line
@@ -61,7 +61,7 @@ def check_quantities(
     if any(isinstance(method, Stationary) for method in methods):
         names = dict.fromkeys(DIMENSIONS)
     for scene in scenes:
-        names |= dict.fromkeys(quantity_names(scene))
+        names |= dict.fromkeys(quantity_names(prepared(scene)))
         names |= {name.replace("mean_square", "rms"): None for name in names}
         if names.keys() >= {*quantities}:
             return
@@ -117,7 +117,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     """
     if has_own_knots(scenes[0]):
         return list(scenes)
-    spacing = min(knot_spacing(prepared(resolving(scene))) for scene in (of or scenes))
+    spacing = min(spacing_of(resolving(scene)) for scene in (of or scenes))
     excitations: list[Any] = [scene.excitation for scene in scenes]
     return [
         replace(scene, excitation=replace(excitation, knot_spacing=spacing))
@@ -143,8 +143,9 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
 
 def orbits_at(scene: Scene, method: Method, runner: Any) -> tuple:
     """The orbits that drawn starts reach; empty under noise or of a linear device."""
-    if not isinstance(method, Engine) or not note_on_one_start(prepared(scene)):
-        return ()
     if scene.run.starts is None:
         scene = replace(scene, run=replace(scene.run, starts=STARTS))
-    return first_answer(runner, Request(with_orbit(scene), method)).orbits
+    request = Request(with_orbit(scene), method)
+    if request.is_averaged or not note_on_one_start(request.prepared_scene):
+        return ()
+    return first_answer(runner, request).orbits

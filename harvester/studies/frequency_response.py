@@ -34,7 +34,7 @@ from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import (
     faintness,
     knot_spacing,
@@ -346,7 +346,7 @@ class _Outputs:
 
 
 def one_direction(
-    scene: Scene,
+    prepared_scene: Prepared,
     engine: str,
     step: str | float,
     report: Callable,
@@ -364,8 +364,8 @@ def one_direction(
         version; seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
+    ready, scene = prepared_scene, prepared_scene.scene
     excitation: Any = scene.excitation
-    ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
     for number, frequency in enumerate(excitation.frequencies):
@@ -401,7 +401,7 @@ def _step_error(stepped, engine, frequency, rms_voltage, power):
         return math.nan
     scene, spacing = stepped.scene, knot_spacing(stepped)
     sine = Sine(scene.excitation.amplitude, frequency, knot_spacing=spacing)
-    ready = prepared(replace(scene, excitation=sine))
+    ready = stepped.replace(excitation=sine)
     steps = steps_per_sample(stepped, engine.step, engine.name)
     cost = step_error(ready, spacing / steps, engine.name)
     return cost * faintness(susceptance(ready) * rms_voltage**2, power)
@@ -452,9 +452,9 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
-def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
+def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    ready = prepared(scene)
+    scene = ready.scene
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = transient_time(ready, SETTLED_SHARE, MOST_PERIODS / frequencies.min())

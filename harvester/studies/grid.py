@@ -15,8 +15,7 @@ from harvester.base.numbers import on_quotes
 from harvester.base.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
-from harvester.scene.prepared import prepared
-from harvester.scene.steps import has_own_knots, knot_spacing
+from harvester.scene.steps import has_own_knots, spacing_of
 from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
@@ -232,7 +231,7 @@ def _with_storage(points):
 
 def _on_common_knots(points):
     """All points with the finest spacing of any: else they would not share their noise."""
-    spacings = [knot_spacing(prepared(point.scene)) for point in points]
+    spacings = [spacing_of(point.scene) for point in points]
     if min(spacings) == max(spacings) and has_own_knots(points[0].scene):
         return points
     try:

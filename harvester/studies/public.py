@@ -10,6 +10,7 @@ import contextlib
 import math
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
@@ -102,8 +103,6 @@ def validate(
 
         harvester validate paper --output results --report paper.html
     """
-    from harvester.averaging.closures import CLOSURES
-    from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
@@ -113,14 +112,12 @@ def validate(
 
     parameters = prepared(scene).system
     until = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
-    closures, refused = {}, {}
-    for closure in CLOSURES:
-        try:
-            closures[closure] = average(scene, method=closure, jump_rates=True)
-        except (AveragingError, LoadError) as error:
-            refused[closure] = str(error)
     results, stages = [], Stages(progress) if progress else None
-    with running(runner, executor, scene.run.realizations, workers) as pool:
+    with (
+        ThreadPoolExecutor(1) as meanwhile,
+        running(runner, executor, scene.run.realizations, workers) as pool,
+    ):
+        averaged = meanwhile.submit(_averaged, scene)
         for method, (begin, end) in comparison.SHARES.items():
             if stages:
                 stages.begin(begin, end, method)
@@ -137,7 +134,22 @@ def validate(
             results.append(result)
     circuit, monte_carlo = results
     paired = paired_difference(circuit, monte_carlo)
+    closures, refused = averaged.result()
     return comparison.Comparison(circuit, monte_carlo, closures, refused, paired)
+
+
+def _averaged(scene):
+    """The scene by all closures, and why others refuse it."""
+    from harvester.averaging.closures import CLOSURES
+    from harvester.averaging.of_scene import average
+
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, method=closure, jump_rates=True)
+        except (AveragingError, LoadError) as error:
+            refused[closure] = str(error)
+    return closures, refused
 
 
 @takes_scene
@@ -211,7 +223,8 @@ def frequency_response(
     names = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
-    scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
+    prepared_scene = prepared(scene)
+    scenes: list[Any] = [work.stepped(prepared_scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
@@ -232,7 +245,7 @@ def frequency_response(
         engine=engine.name,
         frequencies=rising,
         sweeps=sweeps,
-        scales=prepared(scene).scales,
+        scales=prepared_scene.scales,
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),

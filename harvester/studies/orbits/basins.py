@@ -19,7 +19,7 @@ from harvester.results.panels import set_title
 from harvester.results.result import unit_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.starts import energy_range
 from harvester.statistics.attractors import QUANTITIES
 from harvester.statistics.estimate import Estimate
@@ -196,21 +196,20 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
 
 
 def axes_of_starts(
-    scene: Scene,
+    driven: Prepared,
     displacement: Sequence[float] | None,
     velocity: Sequence[float] | None,
     points: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacements and velocities of the grid, in the scene's units."""
-    ready = prepared(scene)
-    span = energy_range(ready)
+    span = energy_range(driven)
     if points > MOST_POINTS:
         raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
     default = {"displacement": (span.low, span.high), "velocity": (-span.speed, span.speed)}
     axes = []
     for name, coordinates in (("displacement", displacement), ("velocity", velocity)):
         if coordinates is None:
-            low, high = (end * ready.scales.of(name) for end in default[name])
+            low, high = (end * driven.scales.of(name) for end in default[name])
             axes.append(np.linspace(low, high, points))
             continue
         values = np.array(real_numbers(coordinates, f"--{name}", "[-0.01, 0.0, 0.01]"))

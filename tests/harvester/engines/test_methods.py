@@ -10,6 +10,7 @@ from harvester import Circuit, MonteCarlo, Scene, Stationary
 from harvester.base.errors import HarvesterError
 from harvester.engines.methods import ENGINES, engine_of, method_of
 from harvester.engines.realizations import Realizations
+from harvester.scene.prepared import prepared
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -144,7 +145,7 @@ def test_studies_pass_the_object_on(pool, scene):
 
 def test_a_task_is_named_by_settings_only_where_they_differ(scene):
     def arguments(method):
-        return Realizations.of(scene, method).tasks(0, 1)[0].arguments
+        return Realizations.of(prepared(scene), method).tasks(0, 1)[0].arguments
 
     assert "settings" not in arguments(MonteCarlo(step="fine"))
     assert arguments(MonteCarlo(step="fine"))["step"] == "fine"

@@ -207,10 +207,10 @@ def test_on_one_path_only_the_steps_of_the_engines_differ(linear, monkeypatch):
         (sine, 5e-3, ""),
         (linear, math.nan, "too short for an error bar"),
     ):
-        found = proof_module._difference(scene, (3e-3, 4e-3), ours, 1.01 * ours)
+        found = proof_module._difference(prepared(scene), (3e-3, 4e-3), ours, 1.01 * ours)
         assert found[:2] == pytest.approx((0.01, error), nan_ok=True)
         assert found[2] == reason
-    (task,) = proof_module._tasks(sine, 64, MonteCarlo(), "")
+    (task,) = proof_module._tasks(prepared(sine), 64, MonteCarlo(), "")
     assert len(task.arguments["indices"]) == 1
 
 
