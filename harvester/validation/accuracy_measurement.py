@@ -18,7 +18,7 @@ import numpy as np
 
 from circuits.kernel.engine import circuit_of
 from harvester.averaging.closures import NOISE_CLOSURES
-from harvester.base.errors import HarvesterError, OutOfTime
+from harvester.base.errors import HarvesterError
 from harvester.base.serialising import LEFT_OUT, key, plain
 from harvester.device import timescales
 from harvester.engines.methods import engine_of
@@ -41,6 +41,7 @@ from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import estimate_output
 from harvester.statistics.paired import deviations, paired_difference
 from harvester.statistics.run_quantities import estimate_all
+from harvester.studies.answers import successful
 from harvester.validation import (
     EFFICIENCY,
     MEANS,
@@ -281,7 +282,7 @@ def measure(
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
     if methods is None and not with_load:
         # It runs alone, since other tasks would slow down the processors that it measures.
-        speeds = _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
+        speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
         compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
@@ -297,7 +298,7 @@ def measure(
         Request(run_scene, reference.engine, step=reference.step(run_scene), moments=True)
         for run_scene in scenes.values()
     ]
-    answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
+    answers = dict(zip(scenes, successful(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
     references = {
@@ -347,14 +348,6 @@ def _row(method, run, path_errors, reference, answer, scatter):
     return MethodRow(method, run, "", mean_step, strong, bias, sampling, errors)
 
 
-def _there(outcomes):
-    """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
-    for outcome in outcomes:
-        if outcome is None or isinstance(outcome, HarvesterError):
-            raise outcome or OutOfTime("the time budget was spent before the reference was there")
-    return outcomes
-
-
 def _has_load(scene):
     """Whether the load is a netlist that is more than a resistor; LoadError if it is not taken."""
     if scene.load.is_resistor:
@@ -385,10 +378,10 @@ def _exact_paths(scene, with_load, runner):
     """The states that errors are deviations of, shape (realizations, knots, 3)."""
     if with_load:
         [outcomes] = _answers([(scene, LOAD_PATHS, 1)], runner, paths_at_knots)
-        return np.concatenate([answer["states"] for answer in _there(outcomes)])
+        return np.concatenate([answer["states"] for answer in successful(outcomes)])
     indices = range(scene.run.realizations)
     tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in indices]
-    return np.array(_there(runner.run(tasks)))
+    return np.array(successful(runner.run(tasks)))
 
 
 def _strong_errors(scene, methods, exact, runner):
