@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
 
 from harvester.statistics.estimate import Estimate, why_no_error
 
@@ -178,6 +177,8 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
+        from scipy.special import stdtrit
+
         # Student's quantile for 95 %: two or three batches rarely show how far they scatter.
         few = float(stdtrit(mean.size - 1, 0.975)) / 1.96
         scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)
@@ -219,7 +220,7 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
             # A correlation from differences scatters √2 times as far as one from deviations.
             share = _share_in_common(neighbours, math.sqrt(2.0 / series.size), expected)
             neighbours = max(neighbours, share * expected, 0.0)
-            factor = max(1.0 + share * (factor - 1.0), 1.0 + 2.0 * neighbours)
+            factor = max(1.0 + 2.0 * neighbours, 1.0 + share * (factor - 1.0))
             return _raised(0.5 * total / (1.0 - neighbours), series.size / factor)
         series, memory = _joined(series), 0.5 * memory
     return None

@@ -45,7 +45,7 @@ JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
 PROPAGATOR = "harvester/averaging/propagator.py"
-CLOSURES, ORBITS = "harvester/averaging/closures.py", "harvester/averaging/orbits.py"
+CLOSURES, ORBITS = "harvester/averaging/over_orbits.py", "harvester/averaging/orbits.py"
 INTERVALS = "harvester/identification/intervals.py"
 COMMAND_LINE = "harvester/cli/command_line.py"
 
@@ -313,8 +313,8 @@ FAULTS = [
     Fault(
         "error bars: every mean has the correlation time of mean squares",
         BATCH_MEANS,
-        "share = min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)",
-        "share = 1.0",
+        "return min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)",
+        "return 1.0",
         (f"{OF_MEANS}::test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error",),
     ),
     Fault(
@@ -614,8 +614,8 @@ FAULTS = [
     Fault(
         "identification: half of the residuals' spectrum counts",
         INTERVALS,
-        "weight = np.full(frequencies.size, 2.0)",
-        "weight = np.full(frequencies.size, 1.0)",
+        "weight = np.full(frequencies.size, 2.0 / samples)",
+        "weight = np.full(frequencies.size, 1.0 / samples)",
         OF_INTERVALS,
     ),
     Fault(

@@ -86,7 +86,7 @@ def over_several(
     if objective.noisy:
         asked = {"precision": precision, "quantities": (quantity,)}
         (answer,) = successful(objective.answers([location], VALUE, **asked))
-    dimension = answer.quantities[quantity].dimension
+    dimension = answer.in_units()[quantity].dimension
     return Optimum(
         scene=scene,
         quantity=quantity,

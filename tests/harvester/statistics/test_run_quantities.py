@@ -180,7 +180,7 @@ def test_the_correlation_time_is_that_of_damping_and_band(excitation, expected):
 
 
 def moments_by_monte_carlo(scene, count):
-    found = run(scene, MonteCarlo(), list(range(count)), None, lambda _: None)
+    found = run(prepared(scene), MonteCarlo(), list(range(count)), None, lambda _: None)
     return [each.moments for each in found]
 
 
