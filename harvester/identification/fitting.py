@@ -41,6 +41,7 @@ from harvester.identification.search import (
     in_short_windows,
     opened,
     searched,
+    short_windows,
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
@@ -117,6 +118,20 @@ class Fitted:
     def explains(self) -> bool:
         """Whether the fit leaves only the sensors' noise of every record."""
         return all(record.is_explained for record in self.records)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the windows of records in time are, on average, no shorter than the first ones.
+
+        A wrong model leaves so much that its windows are cut again and again.
+        """
+        edges = self.fit.edges[: len(self.settled.edges)] if self.settled else []
+        experiments = self.shooting.responses.experiments
+        first = [
+            short_windows(experiment.measurement, cut[0], cut[-1])
+            for experiment, cut in zip(experiments, edges, strict=False)
+        ]
+        return sum(cut.size for cut in edges) <= sum(cut.size for cut in first)
 
     @property
     def keys(self) -> list[str]:

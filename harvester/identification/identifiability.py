@@ -177,7 +177,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     if not known:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in known])
-    equations = normal_equations(problem, fit)
+    equations = normal_equations(problem, fit, at_minimum=False)
     p = len(fitted.keys)
     units = _units(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
     result = []

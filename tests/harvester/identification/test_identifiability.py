@@ -105,15 +105,15 @@ def test_keys_are_left_out_until_the_others_are_determined():
     assert kept[-1][1].keys == (names[3],)
 
 
-@pytest.mark.parametrize("explained", [True, False])
-def test_only_a_model_that_explains_the_records_is_fitted_without_what_they_leave_open(
-    monkeypatch, explained
+@pytest.mark.parametrize("follows", [True, False])
+def test_only_a_model_that_follows_the_records_is_fitted_without_what_they_leave_open(
+    monkeypatch, follows
 ):
     calls = []
 
     def fit(scene, records, keys, follow):
         calls.append(keys)
-        return SimpleNamespace(keys=keys, explains=explained)
+        return SimpleNamespace(keys=keys, follows=follows)
 
     monkeypatch.setattr(fitting, "fitted", fit)
     unclear = [("mass", "mass is not determined")]
@@ -121,6 +121,6 @@ def test_only_a_model_that_explains_the_records_is_fitted_without_what_they_leav
         identifiability, "to_keep", lambda model: unclear if "mass" in model.keys else []
     )
     model, kept = _determined(None, [], ["mass", "damping"], True, None)
-    assert calls == [["mass", "damping"], ["damping"]][: 1 + explained]
+    assert calls == [["mass", "damping"], ["damping"]][: 1 + follows]
     assert model.keys == calls[-1]
-    assert kept == unclear * explained
+    assert kept == unclear * follows
