@@ -19,7 +19,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.identifiability import Undetermined, undetermined
+from harvester.identification.identifiability import Undetermined, undetermined, units_of
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.response import (
@@ -47,6 +47,7 @@ from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     DRAG,
     FORCE,
+    LITTLE,
     MASS,
     ORIGIN,
     as_coefficients,
@@ -69,8 +70,6 @@ if TYPE_CHECKING:
 
 # Two errors that differ by less than this share count as equal.
 NOTED = 0.02
-# Share of a size that is too little to change the motion.
-LITTLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -145,8 +144,8 @@ class Fitted:
 
     @property
     def relative_errors(self) -> dict[str, float]:
-        """Standard error of each value as a share of it, by its key."""
-        shares = self.standard_errors / np.maximum(np.abs(self.values), 1e-300)
+        """Standard error of each value as a share of it, or of its size (`units_of`), by key."""
+        shares = self.standard_errors / units_of(self.shooting.unknowns, self.values)
         return dict(zip(self.keys, map(float, shares), strict=True))
 
     @property

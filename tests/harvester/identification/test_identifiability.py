@@ -79,7 +79,8 @@ def test_a_value_that_cannot_be_zero_counts_relative_to_itself():
     """A capacitance at its lower bound with an error of 244 times itself is not identified."""
     capacitance = Unknown("piezo.capacitance", CAPACITANCE, 1e-3 * CAPACITANCE, np.inf, CAPACITANCE)
     damping = Unknown("oscillator.damping", DAMPING, 0.0, np.inf, DAMPING)
-    values = np.array([1.1e-3 * CAPACITANCE, 1e-5 * DAMPING])
+    # A damping of 5 ± 10 % of the first one is known to be small.
+    values = np.array([1.1e-3 * CAPACITANCE, 0.05 * DAMPING])
     errors = np.array([244.0 * values[0], 0.1 * DAMPING])
     (direction,) = undetermined([capacitance, damping], values, np.diag(errors**2))
     assert direction.keys == ("piezo.capacitance",)
