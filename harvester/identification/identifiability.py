@@ -167,7 +167,7 @@ def _determined_powers(relative, members):
 
 
 def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
-    """Units of relative values: the value, or its size if it may be 0 and is at most a share of it."""
+    """Units of relative values: the value, or its size where it may be 0 and is small."""
     sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
     values = np.abs(values)
     return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
