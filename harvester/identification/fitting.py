@@ -62,7 +62,7 @@ from harvester.identification.validation_record import (
     predicted_lines,
     validated,
 )
-from harvester.scene.prepared import prepared
+from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -284,7 +284,7 @@ def fitted(
     if first is None and lines and (alone := times or swept * joint):
         # The first model, of records of one kind, has the scene's mass.
         first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
-    length = first.shooting.responses.length if first else prepared(scene).scales.displacement
+    length = first.shooting.responses.length if first else setting(scene).length
     parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
     responses = responses_of(scene, parts, keys, length, FINE_STEPS)
     free = unknowns(scene, keys, sizes or first_sizes(scene, measurements))

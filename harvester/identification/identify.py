@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from harvester.base.arguments import listed
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import shown
-from harvester.base.signatures import Kind, files_of, one_record_of, records_of, together
+from harvester.base.signatures import Kind
+from harvester.identification.record_options import Impedance, KeptRecords, Keys, Records
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
@@ -21,11 +22,6 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-_FILE = Kind("FILE [SETTING=VALUE]", "written as FILE NAME=VALUE", read=files_of, words=True)
-Records = Annotated[Any, replace(_FILE, option="record", join=records_of)]
-KeptRecords = Annotated[Any, replace(_FILE, option="keep-aside", join=records_of)]
-Keys = Annotated[Sequence[str], Kind("TABLE.KEY", read=list, join=together, words=True)]
-Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Share of the work left to rivals that each of them takes.

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from harvester.base.arguments import table
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
@@ -277,7 +278,8 @@ def read_impedance(
         A column or a unit is missing, or what it holds is no impedance.
     """
     path, where = str(file), named(str(file))
-    columns = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}
+    settings = table(settings or {}, "settings", '{"impedance": "1:ohm"}')
+    columns = {OTHER_NAMES.get(key, key): str(value) for key, value in settings.items()}
     for key in columns:
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")

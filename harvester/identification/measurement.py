@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from harvester.base.arguments import table
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest, shown
@@ -182,7 +183,7 @@ def read_measurement(
     SceneError
         A column or a unit is missing, or the record is uneven, clipped, too short or has gaps.
     """
-    path, settings = str(file), dict(settings or {})
+    path, settings = str(file), table(settings or {}, "settings", '{"voltage": "2:mV"}')
     where = named(path)
     stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}

@@ -14,8 +14,7 @@ from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
 from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
 from harvester.scene.numbers import numbers
-from harvester.scene.prepared import prepared
-from harvester.scene.units import restoring_spring
+from harvester.scene.units import restoring_spring, setting
 
 if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
@@ -253,6 +252,6 @@ def first_sizes(
     scene: Scene, measurements: Sequence[Measurement | MeasuredResponse]
 ) -> dict[str, float]:
     """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
-    length = prepared(scene).scales.displacement
+    length = setting(scene).length
     speed = 2.0 * np.pi * measurements[0].frequencies[0] * length
     return sizes_of(scene, measurements, length, speed)

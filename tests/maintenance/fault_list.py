@@ -45,7 +45,7 @@ JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
 PROPAGATOR = "harvester/averaging/propagator.py"
-CLOSURES, ORBITS = "harvester/averaging/closures.py", "harvester/averaging/orbits.py"
+CLOSURES, ORBITS = "harvester/averaging/over_orbits.py", "harvester/averaging/orbits.py"
 INTERVALS = "harvester/identification/intervals.py"
 COMMAND_LINE = "harvester/cli/command_line.py"
 
