@@ -77,7 +77,7 @@ _NODE = re.compile(r"[\w.+\-#/\[\]]+")
 _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
-class Scope(NamedTuple):
+class Visible(NamedTuple):
     """Names that mean something where a card stands."""
 
     parameters: Mapping
@@ -250,7 +250,7 @@ def _pairs(card, text, flags):
     return pairs
 
 
-def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
+def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> str:
     """The value, a bare parameter or expression in braces; refused unless it means a number."""
     if value.startswith("{") and value.endswith("}"):
         return "{" + check_expression(card, value[1:-1], scope) + "}"
@@ -267,7 +267,7 @@ def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> st
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
-def check_expression(card: Card, expression: str, scope: Scope) -> str:
+def check_expression(card: Card, expression: str, scope: Visible) -> str:
     """An expression without blanks in ngspice's spelling; refused unless it means something."""
     text = rewritten(joined(card, expression))
     try:
@@ -283,7 +283,7 @@ def rewritten(expression: str) -> str:
     return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
 
 
-def vet_element(card: Card, scope: Scope) -> Line:
+def vet_element(card: Card, scope: Visible) -> Line:
     """An element's card as ngspice reads it."""
     text = card.text
     if text[0] in "rcl":
