@@ -138,7 +138,7 @@ def _with_model(part):
     model = part.model()
     if part.letter == "d":
         model = part_models.check_diode(part, model, numbers)
-    return part.made(model=model, numbers=tuple(numbers.items()), flags=part.line.flags)
+    return part.made(model=model, numbers=tuple(numbers.items()), flags=(*part.line.flags,))
 
 
 def _switch(part):
@@ -149,7 +149,7 @@ def _switch(part):
         current = ("*", ("v", *part.nodes[:2]), smooth)
         return part.made(letter="b", expression=current, nodes=part.nodes[:2])
     model = part_models.switch(part, model)
-    return part.made(model=model, controls=controls, flags=part.line.flags)
+    return part.made(model=model, controls=controls, flags=(*part.line.flags,))
 
 
 def _source(part):
