@@ -34,7 +34,7 @@ def elements(scope: Scope) -> Iterator[Element]:
         if line.calls:
             yield from elements(_inside(scope, line))
             continue
-        part = _Part(scope, line)
+        part = _ScopedLine(scope, line)
         try:
             yield _READERS[part.letter](part)
         except ExpressionError as fault:
@@ -57,7 +57,7 @@ def _inside(scope, line):
         refuse(line.card, f"{line.name}: {fault}")
 
 
-class _Part:
+class _ScopedLine:
     """One element's line, read by the names of its scope."""
 
     def __init__(self, scope: Scope, line: Line) -> None:
