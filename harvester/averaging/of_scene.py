@@ -94,7 +94,7 @@ def average(
         options = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
         if not isinstance(method, Stationary):
             raise HarvesterError(
-                f"average: {method} is an engine, not a closure; give Stationary(…)"
+                f"average: {method} is an engine: call simulate, or give Stationary(…)"
             )
         chosen = method.check_options_agree(options, {"fit": False, "jump_rates": False})
         method, tolerance = chosen.closure, chosen.tolerance

@@ -14,6 +14,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real
 from harvester.base.registry import Registry
+from harvester.base.signatures import Share
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -138,7 +139,7 @@ class Circuit(Engine):
     source: str = "external"
     device: str = "automatic"
     copies: int | None = None
-    tolerance: float | None = None
+    tolerance: Share | None = None
     gmin: float = 0.0
     cshunt: float = 0.0
     ramp: float = 0.0
@@ -198,7 +199,9 @@ class MonteCarlo(Engine):
 
         require_mass(scene, "Monte Carlo")
         if not scene.load.is_resistor:
-            self.simulator(scene).circuit_of(prepared(scene))
+            from circuits.kernel.assembly import collect
+
+            collect(prepared(scene))
 
     def simulator(self, scene: Scene) -> Any:
         """The loop for a resistor as load, or the one for a netlist."""
@@ -227,6 +230,13 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     if isinstance(method, Engine):
         return method.check_options_agree(options, DEFAULTS)
     _check_options(options)
+    from harvester.averaging.closures import CLOSURES
+
+    if isinstance(method, Stationary) or method in CLOSURES:
+        raise HarvesterError(
+            f"method {method}: is a closure, which does not simulate: it is for average, sweep, "
+            f"load_study and optimum; here there are {', '.join(ENGINES)}"
+        )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])

@@ -10,7 +10,6 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from harvester.base.errors import LoadError, SimulationError
 from harvester.device import timescales
@@ -50,7 +49,7 @@ PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
 NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
 UNKNOWN_SPREAD = (
     "whether the path is chaotic is not known, as a run with a slightly different excitation "
-    "failed: compare with --step fine"
+    "failed: compare with step = fine"
 )
 
 
@@ -285,6 +284,8 @@ def _spread(ensemble):
     The first run and the true path are both draws from the ensemble, hence √2. Student's quantile
     for 95 % replaces the normal one.
     """
+    from scipy.special import stdtrit
+
     rows = slice(1, QUANTITIES.index("loss_power") + 1)
     sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
     if ensemble[0].has_output:

@@ -28,7 +28,7 @@ from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing, step_error
 from harvester.scene.units import Scales
 from harvester.statistics.densities import densities
-from harvester.statistics.estimate import Density, Estimate
+from harvester.statistics.estimate import Density, Estimate, with_roots
 from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.settling import unseen_jump
 
@@ -173,8 +173,8 @@ class Answer:
         return prepared(self.scene)
 
     def in_units(self) -> dict[str, Estimate]:
-        """The quantities in the scene's units."""
-        return in_units(self.quantities, self.prepared_scene.scales)
+        """The quantities and the roots of mean squares, in the scene's units."""
+        return with_roots(in_units(self.quantities, self.prepared_scene.scales))
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -256,7 +256,7 @@ def note_on_steps(precision: float, step_error: float) -> str:
         return ""
     return (
         f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
-        "asked for: choose --step fine or finest"
+        "asked for: choose step = fine or finest"
     )
 
 
@@ -309,14 +309,16 @@ def relative_error(estimate: Estimate | None) -> float:
 
 def not_balanced(residual: float) -> EnergyNotBalanced:
     """The error of a run whose energy balance leaves this share."""
-    return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step")
+    return EnergyNotBalanced(
+        f"the energy balance leaves {abs(residual):.0%}: choose a shorter step"
+    )
 
 
 def residual_notes(residual: float) -> list[str]:
     """Notes on a residual of the energy balance."""
     if abs(residual) <= NOTED_RESIDUAL:
         return []
-    return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
+    return [f"energy balance residual {residual:.1%}: choose a shorter step"]
 
 
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
@@ -410,6 +412,7 @@ def _reached(request, scene, system, scaled):
     The latter is by which share of itself a single further jump between the wells would raise
     E[V²]; where it exceeds the precision, it counts as an error.
     """
+    scaled = with_roots(scaled)
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
         raise HarvesterError(

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.averaging.fokker_planck import outline
 from harvester.averaging.of_scene import averaged_device
+from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
 from harvester.base.plain_text import one_line, shown
@@ -144,7 +145,7 @@ class Explorer:
         result = self._simulated(shown)
         densities, refusal = _answer(solving)
         view = SliderSetting(shown.scene, result, densities, refusal, math.nan)
-        self.picture = figures.picture(_draw, view, "png")
+        self.picture = figures.image(view.figure(), "png")
         self.view = replace(view, seconds=time.perf_counter() - clock)
         return self.view
 
@@ -199,6 +200,7 @@ def explore(
     usual = [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
     keys = usual if over is None else [over] if isinstance(over, str) else over
     ranges = dict(keys) if isinstance(keys, Mapping) else {}
+    keys = ranges or listed(keys, "over", '["load.resistance"]', str)
     return Explorer(scene, {key: _range(scene, key, ranges.get(key)) for key in keys})
 
 

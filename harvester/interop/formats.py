@@ -47,7 +47,7 @@ def write(
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Called with notes on what is written, in a line each.
+        Called with notes on what is written and with the names of the files, in a line each.
     **options
         Options of the format; None stands for the format's default.
 
@@ -76,4 +76,7 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
-    return writer(prepared(scene), output, **arguments)
+    paths = writer(prepared(scene), output, **arguments)
+    for path in paths:
+        report(f"written: {path}")
+    return paths

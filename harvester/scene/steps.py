@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,6 +85,13 @@ BASE_SHARE = 0.1
 # of its square needs points between the knots; four steps reduce the loss by interpolation sixteen
 # times.
 STEPS_OF_SLAVED_VELOCITY = 4
+
+
+def has_own_knots(scene: Scene) -> bool:
+    """Whether the excitation itself fixes its knots, such as a record between smooth samples."""
+    excitation: Any = scene.excitation
+    smooth = getattr(excitation, "interpolation", "linear") == "smooth"
+    return smooth or not hasattr(excitation, "knot_spacing")
 
 
 def knot_spacing(ready: Prepared) -> float:

@@ -160,6 +160,8 @@ class Accuracy(ResultBase):
             f"bias: against {self.reference.family} ({self._step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
+            *["bias of a closure: ± holds the reference's sampling and its own numerical error"]
+            * bool(self.closures),
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
             f"sampling error of the long run itself: {sampling}",
@@ -198,7 +200,7 @@ class Accuracy(ResultBase):
         return [
             *lines,
             "this run is too short to show that any step keeps every bias below 1 %: raise "
-            "run.duration, or take --thorough",
+            "run.duration, or thorough runs",
         ]
 
     def to_dict(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.base.compilation import numba
+from harvester.base import compilation
 from harvester.base.errors import SolutionDiverged
 from harvester.device import contact
 from harvester.device.record import Observer, Record
@@ -92,7 +92,7 @@ def run_realizations(
                 other.add(record_of(columns, points, k))
     chosen = scheme_of(s, engine.scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{chosen.value}, numba {numba.__version__}",
+        "engine_version": f"{chosen.value}, numba {compilation.numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -174,7 +174,7 @@ def integrate(
             if several.diverged is not None:
                 raise SolutionDiverged(
                     "Monte Carlo diverged (values that are not finite) before t = "
-                    f"{several.diverged:g}; choose a shorter --step"
+                    f"{several.diverged:g}; choose a shorter step"
                 )
             yield room.columns, room.points
         noise[0] = noise[count]

@@ -14,7 +14,6 @@ from harvester.base.errors import MissingLibrary
 from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
-from harvester.results.excitation_drawing import draw_spectrum
 from harvester.results.page import (
     LEAST_SCALE,
     Verdict,
@@ -29,6 +28,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
+from harvester.studies.comparison.excitation_drawing import draw_spectrum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

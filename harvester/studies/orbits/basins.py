@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.arguments import listed
+from harvester.base.arguments import real_numbers
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, Printed, quantity, share_with_error
 from harvester.base.plain_text import json_text, shown
@@ -128,8 +128,8 @@ class Basins(ResultBase):
             f"the excitation or more; {self.seconds:.2f} s",
             f"plane of the starts: {self._axis('displacement', self.displacements)}, "
             f"{self._axis('velocity', self.velocities)}, with an "
-            "empty transducer at the beginning of a period of the excitation; --displacement and "
-            "--velocity set others",
+            "empty transducer at the beginning of a period of the excitation; `displacement` "
+            "and `velocity` set others",
             *orbit_sentences(self.orbits, self.unit),
             "a share is that of the starts on this grid: another grid has other shares",
         ]
@@ -212,11 +212,8 @@ def axes_of_starts(
             low, high = (end * driven.scales.of(name) for end in default[name])
             axes.append(np.linspace(low, high, points))
             continue
-        try:
-            values = np.array(listed(coordinates, name, "[-0.01, 0.0, 0.01]"), dtype=float)
-        except (TypeError, ValueError):
-            values = np.array([np.nan])
-        if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
+        values = np.array(real_numbers(coordinates, f"--{name}", "[-0.01, 0.0, 0.01]"))
+        if not (np.diff(values) > 0.0).all():
             raise HarvesterError(
                 f"--{name} {shown(coordinates)}: must be rising numbers, such as "
                 "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"

@@ -31,7 +31,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import step_error, susceptance
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.attractors import QUANTITIES, means_of
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import STATE
@@ -143,6 +143,7 @@ class Bifurcation(ResultBase):
             ),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=2,
             is_series=True,
             dataset=self._dataset,
         )
@@ -208,18 +209,18 @@ class Bifurcation(ResultBase):
             for kind, reason in REASONS.items():
                 where = self.values[[motion == kind for motion in branch.motion]]
                 if where.size:
-                    named = ", ".join(f"{value:.6g}" for value in where)
-                    lines.append(f"{branch.direction}: {kind} at {self.key} = {named}: {reason}")
+                    named = self._named(*where)
+                    lines.append(f"{branch.direction}: {kind} at {named}: {reason}")
         power = self.unit("power")
         lines += [
-            f"{jump.direction}: jump between {self.key} = {jump.before:.6g} and {jump.after:.6g}, "
+            f"{jump.direction}: jump between {self._named(jump.before, jump.after)}, "
             f"from {quantity(jump.power_before, power)} to {quantity(jump.power_after, power)}"
             for jump in self.jumps
         ]
         if self._every > 1:
             lines.append(
-                f"the table has one of {self._every} values and both sides of each jump; the CSV "
-                "file that --output writes has all"
+                f"the table has one of {self._every} values and both sides of each jump; "
+                "data() and its CSV file have all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's own stores begin at each place as its netlist says")
@@ -234,17 +235,22 @@ class Bifurcation(ResultBase):
         best = int(np.nanargmax(branch.mean_power))
         power, error = branch.mean_power[best], branch.errors["mean_power"][best]
         most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
-        where = f"{self.key} = {self.values[best]:.6g}"
+        where = self._named(self.values[best])
         return [f"{branch.direction}: most power, {most}, at {where} ({branch.motion[best]})"]
+
+    def _named(self, *values):
+        """The key and some of its values, with their unit."""
+        words = (value_words(self.key, float(value), self.scene.units) for value in values)
+        return f"{self.key} = {', '.join(words)}"
 
     def _of_chaos(self, branch):
         """Where a mean over the samples of a motion without a period has no error bar."""
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
-        where = ", ".join(f"{value:.6g}" for value in self.values[missing])
         return [
-            f"{branch.direction}: no error bar at {self.key} = {where}: the power changes more "
-            f"slowly than {SAMPLES} periods show; harvester basins there averages over many starts"
-        ] * bool(where)
+            f"{branch.direction}: no error bar at {self._named(*self.values[missing])}: the power "
+            f"changes more slowly than {SAMPLES} periods show; `basins` there averages over many "
+            "starts"
+        ] * bool(missing.any())
 
     def _dataset(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units.

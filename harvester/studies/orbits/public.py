@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.base.arguments import key_and_values, listed
+from harvester.base.arguments import key_and_values
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import (
     Count,
@@ -176,10 +176,7 @@ def bifurcation(
     engine.check(scene)
     check_periods(periods, 1)
     key, values = key_and_values(over, values)
-    try:
-        rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
-    except (TypeError, ValueError):
-        rising = np.zeros(0)
+    rising = np.unique(values)
     if rising.size < 2:
         raise HarvesterError("--values: must be two different numbers or more")
     scenes = work.scenes_over(scene, key, rising)
@@ -263,7 +260,7 @@ def residence(
     places: list[Any] = [None]
     if over is not None or values is not None:
         key, values = key_and_values(over or "", values)
-        places = [float(number) for number in listed(values, "values", "[0.1, 0.2]")]
+        places = [*values]
     scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in places]
     for prepared_scene in scenes:
         work.require_wells(prepared_scene)

@@ -34,7 +34,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, spacing_of
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.batch_means import RAISED
 from harvester.statistics.estimate import Estimate
 
@@ -129,6 +129,7 @@ class Residence(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)] if self.key else [],
             records=self._records,
+            keys=2,
             dataset=self._dataset,
         )
 
@@ -150,11 +151,15 @@ class Residence(ResultBase):
 
     def _headline(self):
         stay = self.stays[0]
-        where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
+        where = "" if stay.value is None else f" at {self.key} = {self._value(stay)}"
         well = quantity(stay.well, unit_of(self.scene, "displacement"))
         mean = with_error(Estimate(stay.time, stay.standard_error, None, "time"), "s")
         time = mean if math.isfinite(stay.time) else f"{_time_text(stay)} s"
         return f"mean residence time {time} in the well at {well}{where}"
+
+    def _value(self, stay):
+        """The value of the key with its unit; empty without a key."""
+        return value_words(self.key, stay.value, self.scene.units) if self.key else ""
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
@@ -176,8 +181,7 @@ class Residence(ResultBase):
         reasons: dict[str, dict[str, None]] = {}
         for stay in self.stays:
             if stay.reason:
-                value = "" if stay.value is None else f"{stay.value:.6g}"
-                reasons.setdefault(stay.reason, {})[value] = None
+                reasons.setdefault(stay.reason, {})[self._value(stay)] = None
         everywhere = len({stay.value for stay in self.stays})
         for reason, values in reasons.items():
             where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
@@ -187,7 +191,7 @@ class Residence(ResultBase):
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
                 f"stays: raise run.duration = {self.scene.run.duration:g}"
-                + (" or run.realizations, or give a --precision" * (self.precision is None))
+                + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
         if missed:

@@ -52,6 +52,25 @@ def test_an_object_gives_the_numbers_of_its_name_with_options(pool, scene, metho
     assert by_object.step == by_name.step
 
 
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: harvester.simulate("paper", method="fokker_planck"), "is for average, sweep"),
+        (lambda: harvester.average("paper", method="circuit"), "engines are for `simulate`"),
+        (
+            lambda: harvester.average("paper", method=None),
+            "method None: must be a name",
+        ),
+        (lambda: MonteCarlo(steps=3), "MonteCarlo: no option steps .did you mean step"),
+        (lambda: Stationary(1, 2, 3, 4, 5), "has 4 settings"),
+    ],
+)
+def test_a_wrong_method_leads_to_the_right_one(call, words):
+    with pytest.raises(harvester.HarvesterError, match=words) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+
+
 def test_a_closure_as_an_object_is_averaged(scene):
     method = Stationary("consistent", tolerance=1e-2)
     by_object = harvester.simulate(scene, method=method)

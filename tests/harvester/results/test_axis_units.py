@@ -8,8 +8,8 @@ import pytest
 import harvester
 from harvester import Scene
 from harvester.device.record import Record
-from harvester.results.excitation_drawing import draw_spectrum, excitation_spectrum
 from harvester.scene.prepared import prepared
+from harvester.studies.comparison.excitation_drawing import draw_spectrum, excitation_spectrum
 from harvester.studies.loads.drawing import (
     EFFICIENCIES,
     draw_efficiency,

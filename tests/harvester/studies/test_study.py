@@ -84,7 +84,7 @@ def test_what_several_points_share_is_said_once(study):
     assert [line for line in said if "bare" in line] == ["resistor: a node is bare"]
     noted[2:] = [replace(each, outcome="SimulatorTimeout: 1 s") for each in noted[2:]]
     said = replace(study, evaluations=noted).sentences()
-    assert "resistor at 0.05; 0.08891: a node is bare" in said
+    assert "resistor at 0.05; 0.088914: a node is bare" in said
     assert sum("SimulatorTimeout" in line for line in said) == 1
 
 
