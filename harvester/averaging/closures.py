@@ -1,7 +1,7 @@
 """Stationary means by three closures: two of quasi-conservative averaging, one without."""
 
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -31,6 +31,13 @@ class StationaryMethod(NamedTuple):
     average: Callable
     tolerance: float
     of_spectrum: bool = False
+
+
+def notes_on_errors(methods: Iterable[str]) -> list[str]:
+    """What ± means for closures; empty if none of these methods is one."""
+    names = [name for name in dict.fromkeys(methods) if name.partition(" (")[0] in CLOSURES]
+    meaning = "± is the numerical error alone, without that of the approximation"
+    return [f"{', '.join(names)}: {meaning}"] if names else []
 
 
 def average(
@@ -73,7 +80,8 @@ def average(
     """
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)
-        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {names}")
+        hint = nearest(closure, CLOSURES) or ", and engines are for `simulate`"
+        raise AveragingError(f"{closure}: no such closure{hint}; use {names}")
     chosen = CLOSURES[closure]
     if chosen.of_spectrum:
         raise AveragingError(f"{closure}: takes a scene: harvester.average(scene, method=…)")

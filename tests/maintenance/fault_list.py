@@ -614,8 +614,8 @@ FAULTS = [
     Fault(
         "identification: half of the residuals' spectrum counts",
         INTERVALS,
-        "weight = np.full(frequencies.size, 2.0)",
-        "weight = np.full(frequencies.size, 1.0)",
+        "weight = np.full(frequencies.size, 2.0 / samples)",
+        "weight = np.full(frequencies.size, 1.0 / samples)",
         OF_INTERVALS,
     ),
     Fault(

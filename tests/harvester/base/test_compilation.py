@@ -91,11 +91,12 @@ from harvester import average
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):
     scene = Scene.read(name).replace(brief | load)
     for engine in ("circuit", "monte-carlo"):
-        run(scene, engine_of(engine), [0], None, lambda *_: None)
+        run(prepared(scene), engine_of(engine), [0], None, lambda *_: None)
 average("linear")
 print(compiled)
 """
