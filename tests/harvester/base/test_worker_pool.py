@@ -1,3 +1,4 @@
+import time
 from concurrent.futures import Future
 
 import effort
@@ -5,7 +6,7 @@ import pytest
 import worker_calls
 
 from harvester.base.errors import SimulatorCrashed
-from harvester.base.worker_pool import gather
+from harvester.base.worker_pool import WorkerPool, gather
 
 
 @pytest.mark.slow
@@ -15,6 +16,14 @@ def test_results_of_a_pool_keep_their_order(pool):
 
 
 @pytest.mark.slow
+def test_the_processes_of_a_pool_start_before_its_first_call():
+    with WorkerPool(workers=2) as pool:
+        deadline = time.monotonic() + 30.0
+        while any(worker.process_id is None for worker in pool._workers):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
 def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
     calls = [{"marker": str(tmp_path / name)} for name in "ab"]
     assert pool.map(worker_calls.die_once, calls, keep_going=True) == ["alive", "alive"]
