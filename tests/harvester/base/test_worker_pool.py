@@ -15,7 +15,6 @@ def test_results_of_a_pool_keep_their_order(pool):
     assert pool.map(worker_calls.say, calls) == list("ABCDEF")
 
 
-@pytest.mark.slow
 def test_the_processes_of_a_pool_start_before_its_first_call():
     with WorkerPool(workers=2) as pool:
         deadline = time.monotonic() + 30.0
@@ -24,6 +23,7 @@ def test_the_processes_of_a_pool_start_before_its_first_call():
             time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
     calls = [{"marker": str(tmp_path / name)} for name in "ab"]
     assert pool.map(worker_calls.die_once, calls, keep_going=True) == ["alive", "alive"]
