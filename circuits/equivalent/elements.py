@@ -3,8 +3,8 @@
 Mechanics as an RC network of order one: node `displacement` carries X, node `velocity` carries
 X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
 ω (`rate`) is the device's own angular frequency. Linear terms are controlled sources, which cost
-ngspice almost nothing; only what is not linear is behavioural. An inductor for the mass
-would need more Newton iterations a step. The transducer's elements are those of its `Network`,
+ngspice almost nothing; only nonlinear terms are behavioural. An inductor for the mass
+would need more Newton iterations a step. The transducer's elements come from its `Network`,
 whose terminal carries volts.
 """
 
@@ -89,8 +89,8 @@ def add_pace(
 ) -> None:
     """Parallel capacitors by which displacement and velocity change faster by a factor `pace`.
 
-    Where shorter steps than the grid's are `slowed`, a source does so for the displacement; that of
-    the noise does so for the velocity.
+    If shorter steps than the grid's are `slowed`, a source slows the displacement; the source of
+    the noise slows the velocity.
     """
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
@@ -287,7 +287,7 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
 
 
 def load_pins(network: Network) -> dict[str, str]:
-    """Names of the nodes at a load's pins, behind the ammeter.
+    """Names of the nodes at a load's pins, after the ammeter.
 
     The colon tells them from nodes within the load, whose names hold none.
     """
@@ -298,7 +298,7 @@ def load_pins(network: Network) -> dict[str, str]:
 def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool) -> None:
     """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
 
-    While every diode blocks, a DC side has no potential of its own against the terminals, and
+    While every diode blocks, a DC side has no defined potential against the terminals, and
     Newton's iterations fail at short steps: a stray capacitance to ground gives it one, at the pins
     that `LoadCircuit.stray_pins` names.
     """

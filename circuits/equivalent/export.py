@@ -1,4 +1,4 @@
-"""Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
+"""Self-contained netlists: a `.cir` with a PWL source that plain `ngspice -b` runs."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def stand_alone(
     integrator : str
         See `circuits.equivalent.assembly.assemble`.
     save : sequence of str
-        Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
+        Vectors to store, in addition to the load's output; empty stores nothing (for a run that
         streams), None: motion, terminal voltage and noise.
 
     Raises
@@ -181,7 +181,7 @@ def _header(before, scene, netlist, scales):
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
-        "If this file has another name, write that name behind the .raw file.",
+        "If this file has another name, write that name after the .raw file.",
         "ngspice searches all points of the PWL source at every step: its time grows with the",
         "square of run.duration. harvester simulate --method circuit does not.",
         *LICENCE,

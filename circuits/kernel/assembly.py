@@ -1,4 +1,4 @@
-"""The tables of a scene: its transducer's network, its load, and where a record's numbers stand."""
+"""Tables of a scene: its transducer's network, its load, and indices of a record's numbers."""
 
 from __future__ import annotations
 

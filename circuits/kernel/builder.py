@@ -127,7 +127,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         if index >= 0:
             flags[int(kind == "column"), index] = True
 
-    # Junctions of the same kind stand together.
+    # Junctions of the same kind are consecutive.
     junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
 
     def places(found, width):
@@ -174,7 +174,7 @@ def _starts(b, n):
     matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))
     for k, (a, z, start, size) in enumerate(b.initial):
-        # Ground stands last.
+        # Ground is last.
         matrix[k, a] += np.sqrt(size)
         matrix[k, z] -= np.sqrt(size)
         values[k, 1 if start == "state" else 0] = np.sqrt(size) * (

@@ -1,8 +1,8 @@
 """Machine code for a circuit's shape: elimination in its order, its junctions, its products.
 
-What depends on where the circuit's elements stand is written out here, number by number, and
-compiled once for every shape, in a fraction of a second; values stand in the memory. Each function
-has the arguments of `circuits.kernel.emitter`:
+Code that depends on the positions of the circuit's elements is generated here, number by number,
+and compiled once for every shape, in a fraction of a second; values are in the memory. Each
+function has the arguments of `circuits.kernel.emitter`:
 
 - ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
 - ``predict``: guesses of the junctions' voltages, from the last step by the share of it given.
@@ -38,8 +38,8 @@ from circuits.kernel.tables import Tables
 # end: the formula of third order on these rates less TR-BDF2's own of second order.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
-# At most so many junctions of one kind are computed side by side: the widest registers hold eight
-# numbers.
+# Largest number of junctions of one kind that are computed side by side: the widest registers hold
+# eight numbers.
 MOST_BESIDE = 8
 
 
@@ -51,7 +51,7 @@ class Shape(NamedTuple):
     entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
     traits : what each junction has, see `junction.traits`.
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
-    rows, columns : which row and which unknown stands at each position of the elimination.
+    rows, columns : row and unknown at each position of the elimination.
     linear : unknowns before the core.
     places : ((row, column) by position, place) of each number of the matrix.
     layout : circuits.kernel.memory.Layout
@@ -367,7 +367,7 @@ def _law(e, shape, group):
 
 
 def _positions(shape):
-    """A function that gives where an element of the matrix stands in the order of elimination."""
+    """A function that gives the position of a matrix element in the order of elimination."""
     rows = {row: i for i, row in enumerate(shape.rows)}
     columns = {column: i for i, column in enumerate(shape.columns)}
     return lambda row, column: (rows[row], columns[column])
@@ -388,7 +388,7 @@ def _stamp(matrix, position, plus, minus, value, shape):
 
 
 def _across(e, values, plus, minus):
-    """Difference of two of the values; ground, behind them all, is 0."""
+    """Difference of two of the values; ground, after them all, is 0."""
     n = len(values)
     one = values[plus] if plus < n else e.constant(0.0)
     return one - values[minus] if minus < n else one

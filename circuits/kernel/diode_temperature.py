@@ -15,7 +15,7 @@ LARGEST_GRADING = 0.9
 
 
 def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, float]:
-    """The numbers of a diode's model as they are at a temperature, "vt" (V) among them.
+    """The numbers of a diode's model at a temperature, including "vt" (V).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Numbers of machine code yet to be made: written with Python's operators, compiled by LLVM.
 
 A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), a place in it and
-three numbers, and gives a number. It is straight-line code but for `choose`. A number may stand for
+three numbers, and gives a number. It is straight-line code but for `choose`. A number may represent
 several side by side, on which the processor works at once.
 """
 
@@ -21,7 +21,7 @@ DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 TYPE = ir.FunctionType(DOUBLE, [DOUBLE.as_pointer(), INTEGER, DOUBLE, DOUBLE, DOUBLE])
 
 
-# Adding this rounds a number to a whole one, which then stands in the last bits.
+# Adding this rounds a number to a whole one, which is then in the last bits.
 ROUNDING = 1.5 * 2.0**52
 # ln 2 in two parts. The first has so few digits that its multiples are exact.
 LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 CHUNK = 16384
 # Finer steps than these do not ask for a smaller error.
 FINEST = STEP_LEVELS["finest"]
-# Further ways in which a run may end, beside those of `advance`: it makes no progress, or its
-# voltages grow without bound.
+# Further ways in which a run may end, in addition to those in `advance`: it makes no progress, or
+# its voltages grow without bound.
 CRAWLING, UNBOUNDED = -1, -2
 SCHEME = "TR-BDF2"
 
@@ -95,7 +95,7 @@ def run_realizations(
     Raises
     ------
     LoadError
-        The load holds what is not taken, or another scheme is asked for.
+        The load contains an unsupported element, or another scheme is asked for.
     SimulatorAborted, SolutionDiverged
     """
     scene, s, scales = ready.scene, ready.system, ready.scales

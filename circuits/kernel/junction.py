@@ -3,9 +3,9 @@
 i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt), where below −3 n Vt the first term is
 −Is (1 + (3 n Vt/e v)³); beyond `LARGEST_CURRENT` either
 exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
-τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. Where the model
-says so, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
-stays what it is there, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
+τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. If the model
+has it, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
+stays constant, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from circuits.netlist.part_models import TEMPERATURE
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number
 
-# Conductance beside every junction, in siemens, as ngspice has it.
+# Conductance in parallel with every junction, in siemens, as in ngspice.
 LEAST_CONDUCTANCE = 1e-12
 # Current, in amperes, above which the exponential goes on as its tangent.
 LARGEST_CURRENT = 100.0

@@ -1,4 +1,4 @@
-"""A device's mechanics behind addresses: a load's solver is not compiled anew for each of them.
+"""A device's mechanics behind addresses, so that a load's solver is not recompiled per device.
 
 Of each sort of spring, damper and contacts only these few functions are compiled; with the solver
 around them it would take ten times as long.
@@ -39,7 +39,7 @@ class Device(NamedTuple):
     pull : of (whether contacts act, low, high, held speed, x, v)
         Spring, damper and, in the zone from low to high, contacts against the motion.
     contact_step : of (x, v, noise, remaining, longest, steps)
-        Step that resolves a contact with what is gained until the knot, ≤ longest (s).
+        Step that resolves a contact at the speed gained until the knot, ≤ longest (s).
     loss_power : of (x, v, held speed, whether a contact acts)
         Power lost in damper and contacts.
     """

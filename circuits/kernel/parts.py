@@ -111,7 +111,7 @@ def _diode(b, each):
     row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
-        # The junction lies behind its series resistance, at a node of its own.
+        # The junction follows its series resistance, at an internal node.
         inner = b.node(f"{each.name}:inside")
         b.between(anode, inner, conductance=1.0 / row[junction.RESISTANCE])
         row[junction.RESISTANCE] = 0.0

@@ -44,7 +44,7 @@ class Rates(enum.IntEnum):
     KNOWN = 1
 
 
-# The scalars of a state, beside its vectors.
+# The scalars of a state, in addition to its vectors.
 SCALARS = np.dtype(
     [
         ("displacement", np.float64),  # X, scaled
@@ -83,7 +83,7 @@ class State(
 
     Attributes
     ----------
-    code : addresses of the circuit's functions; `address` that of its memory.
+    code : addresses of the circuit's functions; `address` : address of its memory.
     slots, stride : place in it of the factors kept, and how many numbers each has.
     keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
         slot are for; then the next slot and the last; then the δ and states that are looked for.

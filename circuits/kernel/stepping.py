@@ -63,7 +63,7 @@ POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIA
 # LEAST_RESTART: a step after a turn that is as short is accepted whatever its error. SHORTEST: a
 # run that needs a shorter step ends as STUCK. LOCATED: how well the time of a turn is found.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
-# RESTART and LOCATED of a switch that turns by itself, in time constants of what controls it.
+# RESTART and LOCATED of a self-oscillating switch, in time constants of its control.
 TURN_RESTART, TURN_LOCATED = 0.05, 0.01
 # The time of a turn is also found to this share of the step that led across it.
 LOCATED_SHARE = 0.02
@@ -72,11 +72,11 @@ LOCATED_SHARE = 0.02
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
 # A switch that turns more often than this within one step of the grid chatters.
 MOST_SWITCHINGS = 400
-# Times of so many jumps of sources are located within one step of the grid; a source whose jump
-# turns it back at once would ask for ever more.
+# Largest number of jumps of sources that are located within one step of the grid; a source whose
+# jump toggles it back at once would jump endlessly.
 MOST_JUMPS = 20
-# The transducer's energy, against which errors are judged, is averaged over so many steps of the
-# grid. A voltage below this share of one scaled volt counts as that, else errors of a device at
+# Steps of the grid over which the transducer's energy, the reference of errors, is averaged. A
+# voltage below this share of one scaled volt counts as that, else errors of a device at
 # rest would be judged against nothing.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
@@ -115,7 +115,7 @@ def advance(
     device : Device
         The mechanics, as compiled functions and numbers.
     tables, probes : Tables, Probes
-        The load's network, and where the record's numbers stand in it.
+        The load's network, and the indices of the record's numbers in it.
     state : State
         Changed.
     edges : ndarray
@@ -183,7 +183,7 @@ def advance(
             _restart(scalars, step)
         phase += h
         if h >= bend or (jumps and h >= until):
-            # The next step begins anew as after a switch, but no voltage jumps.
+            # The next step restarts as after a switch, but no voltage jumps.
             scalars.proposed = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
             phase = end
@@ -396,7 +396,7 @@ def _set_sources(tables, state, time, noise, delta):
 
 @merged
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, located):
-    """Try a step of length h from the state; its change stands in `state.change`.
+    """Try a step of length h from the state; its change is stored in `state.change`.
 
     Returns
     -------

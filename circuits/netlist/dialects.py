@@ -33,7 +33,7 @@ _EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
 
 
 class _Foreign(Parser):
-    """LTspice's and PSpice's: what is true lies above 0.5, ^ is exclusive or."""
+    """Operators of LTspice and PSpice: values above 0.5 are true, ^ is exclusive or."""
 
     tightness: Mapping[str, int] = {**TIGHTNESS, "&&": 0, "&": 0, "|": 0, "^": 0}
     negations = ("!", "~")

@@ -35,7 +35,7 @@ class Element(NamedTuple):
     ----------
     letter : its kind.
     name : the calls on the way to it and its own, "xbridge.dupper".
-    nodes : names of nodes; those of the load's pins are the pins' own.
+    nodes : names of nodes; at the load's pins the names of the pins.
     where : "file:line".
     value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
         a controlled source its gain, of a constant source V or A.
@@ -65,7 +65,7 @@ class Element(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Its name and where it stands, for messages: "name (file:line)"."""
+        """Name and location for messages: "name (file:line)"."""
         return f"{self.name} ({self.where})"
 
     @property

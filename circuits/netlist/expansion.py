@@ -2,7 +2,7 @@
 ngspice does so.
 
 ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
-place of each X: a few lines can stand for more than any machine holds.
+place of each X: a few lines can expand to more than any machine holds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
 
 
 class Length(NamedTuple):
-    """Characters that a text expands to: `own`, and `share` times those of its arguments."""
+    """Characters that a text expands to: `own`, and `share` times its arguments' characters."""
 
     own: int = 0
     share: int = 0
@@ -64,7 +64,7 @@ class Expansion:
     Raises
     ------
     NetlistError
-        Of every method: what is too large, with file and line.
+        Raised by every method: the part that is too large, with file and line.
     """
 
     def __init__(self, root: Subcircuit) -> None:
@@ -126,7 +126,7 @@ class Expansion:
         return total
 
     def _add_definitions(self, circuit):
-        """Count the definitions of a file, and the text that each function stands for."""
+        """Count the definitions of a file, and the expanded text of each function."""
         self._definitions += len(circuit.parameters) + len(circuit.local) + len(circuit.models)
         self._definitions += len(circuit.functions) + len(circuit.inner)
         if self._definitions > MOST_DEFINITIONS:
@@ -160,7 +160,7 @@ class Expansion:
 
     def _length(self, text, circuit, arguments=(), calling=()):
         """Length of a text with every call in it expanded."""
-        # For each open parenthesis: its function, the text before it, and what is inside.
+        # For each open parenthesis: its function, the text before it, and the text inside.
         opened, length = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):

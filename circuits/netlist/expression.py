@@ -28,7 +28,7 @@ CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
 ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
 
 
-# Functions made of others: LTspice's and PSpice's words, and those of ngspice's .param.
+# Functions composed of others, of LTspice, PSpice and ngspice's .param.
 _MADE: dict[str, tuple[int, Callable]] = {
     "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
     "u2": (1, lambda x: ("min", ("max", x, ZERO), ONE)),
@@ -109,7 +109,7 @@ class Parser:
         return self.tokens[self.place][1]
 
     def take(self) -> tuple[str, str]:
-        """The next piece, kind and text; the one behind it is next."""
+        """Return the next token, kind and text, and advance."""
         self.place += 1
         return self.tokens[self.place - 1]
 
@@ -180,7 +180,7 @@ class Parser:
         return tree
 
     def atom(self) -> Tree:
-        """A number, a name, a call, a voltage or current, or what stands in parentheses."""
+        """A number, a name, a call, a voltage or current, or an expression in parentheses."""
         kind, text = self.take()
         if kind == "number":
             return ("number", _number(text))
@@ -425,7 +425,7 @@ class Names(NamedTuple):
     Attributes
     ----------
     name : gives the tree of a name.
-    function : gives (arguments, tree, look-up of its own functions) of a file's function, or None.
+    function : gives (arguments, tree, look-up of local functions) of a file's function, or None.
     parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
         varies.
     """

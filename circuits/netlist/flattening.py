@@ -145,7 +145,7 @@ def _varying(line, text, numbers):
     tree = line.scope.tree(text)
     for key in numbers:
         if key != "m" and not (key == "ic" and line.letter != "r"):
-            line.refuse(f"{key}= beside an expression: put it into the expression")
+            line.refuse(f"{key}= next to an expression: put it into the expression")
     all_numbers = tuple(numbers.items())
     if line.letter != "r":
         return line.made(expression=tree, numbers=all_numbers)

@@ -69,9 +69,9 @@ def imported(
     name : str
         Name of the sub-circuit.
     nodes : sequence of str
-        The harvester's two, then the output's two where there is one.
+        The harvester's two nodes, then the output's two if there is an output.
     remove : sequence of str
-        Elements that stand for the harvester, beside the sources between its nodes.
+        Elements that represent the harvester, in addition to the sources between its nodes.
     file : str
         Name of the netlist's file, for messages.
 
@@ -129,12 +129,11 @@ def imported(
         depth -= depth and first == ".ends"
     _check_functions(topology, functions)
     notes += [
-        f".func {function}: its voltages and currents are those of the load"
-        for function in functions
+        f".func {function}: its voltages and currents belong to the load" for function in functions
     ]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
-            notes.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
+            notes.append(f"{part.name}: is kept as a source of the load: --remove it if it drives")
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
         # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
@@ -195,7 +194,7 @@ def _renamed(node, pins):
 
 
 def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
-    """Elements of all sub-circuits, each with the name of its own."""
+    """Elements of all sub-circuits, each with its sub-circuit's name."""
     for inner in topology.inner.values():
         yield from ((inner.name, part) for part in inner.parts)
         yield from _within(inner)
@@ -272,7 +271,7 @@ def _element(
         count = 4
     nodes = [_renamed(node, pins) for node in words[1 : 1 + count]]
     remainder = " ".join(words[1 + count :])
-    # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
+    # Parentheses of V and I sources contain a waveform; in other elements V(…) and I(…) are
     # measured.
     if letter not in "vi":
         asked = _CURRENT.findall(remainder)
@@ -285,7 +284,7 @@ def _element(
     for key, value in within:
         parasitic = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):
-            raise NetlistError(f"{name}: {key}= of such a part: write it as an element of its own")
+            raise NetlistError(f"{name}: {key}= of such a part: write it as a separate element")
         said.append(f"{name}: {key}={value} is the element {parasitic}")
         if key.endswith("ser"):
             yield f"{parasitic} {nodes[1]}_{name} {nodes[1]} {value}"

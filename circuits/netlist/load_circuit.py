@@ -43,7 +43,7 @@ class LoadCircuit:
     across_output : tuple of circuits.netlist.elements.Element
         Resistors and capacitors across the output.
     linear, switches : bool
-        Resistors and capacitors only; anything beside them and diodes.
+        Whether it has resistors and capacitors only; whether it has more than these and diodes.
     resistance : float or None
         Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.netlist.measures.Measure
@@ -51,7 +51,7 @@ class LoadCircuit:
     probes : tuple of str
         Nodes, and currents "i(name)", that a waveform is to hold.
     file : str
-        Name of the file that its sub-circuit stands in.
+        Name of the file of its sub-circuit.
     ambiguity : str
         A note on expressions that another SPICE reads otherwise; empty if there are none.
     source : (Path, tuple of circuits.netlist.reader.Card)

@@ -106,8 +106,8 @@ class Measurement:
         ndarray, shape (measures, n)
             Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
             expression has no value. A power that jumps, such as floor(v(p,n)), is its mean from the
-            middle of one step to that of the next, the unknowns being interpolated: its trapezoidal
-            integral holds every jump at its own time.
+            middle of one step to the middle of the next, the unknowns being interpolated: its
+            trapezoidal integral holds every jump at its own time.
         """
         if not self._measures:
             return np.empty((0, time.size))
@@ -177,7 +177,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
 def energy_of(load: LoadCircuit) -> np.ndarray:
     """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
 
-    Elements whose value is an expression are left out, and those of logic signals.
+    Elements whose value is an expression, and elements of logic signals, are left out.
     """
     held = {store.name: weights(store, load.levels) for store in load.stores}
     sizes = {

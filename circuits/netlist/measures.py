@@ -48,7 +48,7 @@ class Measure(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The measure as text, without the place where it stands."""
+        """The measure as text, without its location."""
         return f"{self.kind} {self.name}={self.expression} taking {self.taking}\n"
 
     @property

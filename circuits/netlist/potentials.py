@@ -145,7 +145,7 @@ def _lines(numbers, time):
 def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     """Controls below which a switch opens and above which it closes, apart from rounding.
 
-    With a hysteresis a control that stands exactly at an end of it changes nothing. Without one
+    With a hysteresis a control that is exactly at an end of it changes nothing. Without one
     ngspice turns the switch when its control arrives at the threshold, from either side.
     """
     low, high = hysteresis(switch.letter, switch.model)

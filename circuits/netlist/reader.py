@@ -27,7 +27,7 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# Comments that this program reads: what is to be measured, what the parameters must fulfil, and the
+# Comments that this program reads: measures, conditions on parameters, and the
 # dialect.
 _SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
 MEASURE, NEEDS, DIALECT = "*measure:", "*needs:", "*dialect:"
@@ -153,13 +153,13 @@ def _included(argument, beside, folder, where):
     with _named(shown_place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
-        # Files that the project's own netlists include stand beside them.
+        # Files that the project's own netlists include are in the same folder.
         packaged = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
         if bare and (missing or packaged.parent == beside) and packaged.is_file():
             return packaged
     if outside:
-        raise NetlistError(f"{shown_place}: lies outside the load's folder; copy it beside it")
+        raise NetlistError(f"{shown_place}: lies outside the load's folder: copy it into it")
     if missing:
         raise NetlistError(f"{shown_place}: no such file beside the load")
     return path
@@ -170,7 +170,7 @@ def _decoded(content):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
         return content.decode("utf-16-le", errors="replace")
-    # A byte-order mark may stand before text of another encoding, if files were joined.
+    # A byte-order mark may precede text of another encoding, if files were joined.
     content = content.removeprefix(codecs.BOM_UTF8)
     try:
         return content.decode("utf-8")

@@ -175,7 +175,8 @@ class Scope:
         Raises
         ------
         ExpressionError
-            A value names what means something else within what is called, where ngspice looks.
+            A value names something that has another meaning inside the called sub-circuit, where
+            ngspice looks.
         """
         values = {key: self.value(text) for key, text in given.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}

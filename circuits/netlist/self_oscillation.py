@@ -1,8 +1,8 @@
-"""Whether a load oscillates by itself, with the device at rest, and how fast its switches act.
+"""Whether a load is self-oscillating, with the device at rest, and how fast its switches act.
 
 Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
-mode that grows is an oscillator; switches for which no rest state exists turn for ever, at a rate
-set by the time constants of their controls.
+mode that grows is an oscillator; switches for which no rest state exists toggle endlessly, at a
+rate set by the time constants of their controls.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ TAKES_PART = 0.05
 # Two values are equal by cancellation if they differ by less than this share of the largest unknown
 # in all trials with exact parts, and by more in the trials with such errors of the parts.
 CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
-# Loads with more unknowns are not analysed. So many take half a second.
+# Loads with more unknowns are not analysed. This number takes half a second.
 MOST_UNKNOWNS = 300
 
 
@@ -47,7 +47,7 @@ class SelfOscillation(NamedTuple):
     ----------
     oscillates : bool
     turn : float
-        Shortest time constant of what controls a switch that turns for ever (s); infinite if
+        Shortest time constant of the control of an endlessly toggling switch (s); infinite if
         no switch does.
     switch : str
         Name of that switch, as "name (file:line)".
@@ -196,9 +196,9 @@ class _Circuit:
         return matrix
 
     def _storage(self):
-        """Where each capacitor and coil stands, one a column, and their sizes with the mutual ones.
+        """Incidence of each capacitor and coil, one a column, and their sizes with the mutual ones.
 
-        Modes are those of what stores: as many as there are, and none of rounding.
+        There are as many modes as storing elements, and none from rounding.
         """
         names = [*self._stores]
         ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)

@@ -187,7 +187,7 @@ class UnknownParameter(NetlistError):
 
 
 def _override(root, top, given, path):
-    """Put the user's values in; those of the sub-circuit's own parameters are returned."""
+    """Insert the user's values; return the values of the sub-circuit's parameters."""
     values = {}
     existing = {**root.local, **top.local, **top.parameters}
     for key, value in given.items():

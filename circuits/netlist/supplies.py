@@ -28,7 +28,7 @@ _TRANSISTORS = "qjm"
 def supplies_of(
     elements: Sequence[Element], coupled_nodes: Collection[str], measures: Iterable[Measure]
 ) -> tuple[Measure, ...]:
-    """The power that each group of sources of a load takes, as measures of its own kinds.
+    """The power that each group of sources of a load takes, as measures of special kinds.
 
     A constant voltage source stores what it takes, as a battery does, unless a measure of the file
     counts its current as an output or a loss.
@@ -99,7 +99,7 @@ def _ends(each: Element) -> tuple[str, ...]:
 def coupled(parts: Sequence[Element]) -> frozenset[str]:
     """Nodes of the elements that can exchange energy with a load's pins.
 
-    Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
+    Elements that meet the others in one node alone, as in a logic signal, cannot, unless
     a converter's sources feed them and others take from them.
     """
     islands = joined({*_ends(part)} - COMMON for part in parts)
@@ -156,7 +156,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
     reached: dict[str, set[str]] = {}
     for name, part in sources.items():
         nodes, currents = _controls(part)
-        # The current of an ammeter or a coil is that of the sources around it.
+        # The current of an ammeter or a coil equals the current of the sources around it.
         around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}

@@ -169,7 +169,7 @@ def read_part(card: Card) -> Part:
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
-    # Behind a fourth node of a transistor stands its model's name, else a number, a pair or "off".
+    # A transistor's fourth node is followed by its model's name, else by a number, a pair or "off".
     following = words[2 + count : 3 + count] if letter in ("m", "q") else []
     if any("=" not in w and re.match(r"(?!off$)[a-z_]", w.lower()) for w in following):
         count += 1

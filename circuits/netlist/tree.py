@@ -15,7 +15,7 @@ from circuits.netlist.vetting import Scope, check_nodes, listed, refuse
 # Deepest nesting of definitions.
 DEEPEST_DEFINITION = 20
 _INSTEAD = {
-    ".ic": " (write ic= behind the capacitor or coil)",
+    ".ic": " (write ic= after the capacitor or coil)",
     ".title": " (write the title behind *)",
     ".global": " (give the sub-circuits a pin for it)",
 }
@@ -43,7 +43,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Scope:
-        """The names that are visible here, including those of the definitions around it."""
+        """The names that are visible here, including the enclosing definitions'."""
         around = self.around()
         parameters = (values for c in around for values in (c.local, c.parameters))
         return Scope(

@@ -1,4 +1,4 @@
-"""Checks that a load's netlist holds only what is allowed; all else is refused in one line.
+"""Checks that a load's netlist holds only allowed elements; others raise in one line.
 
 A netlist from elsewhere is data. Nothing in it may run a program, touch a file, reach a node of
 the device, or stop ngspice's process; what LTspice writes and ngspice would silently ignore or
@@ -25,7 +25,7 @@ MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
     "vswitch", "iswitch",
 }  # fmt: skip
-# Facts from data sheets that LTspice writes beside a model or a part. They have no effect.
+# Facts from data sheets that LTspice adds to a model or a part. They have no effect.
 FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
 VDMOS_FACTS = {"vds", "ron", "qg"}
 # Parameters of LTspice's idealised diode. ngspice would ignore them.
@@ -77,7 +77,7 @@ _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
 class Scope(NamedTuple):
-    """Names that mean something where a card stands."""
+    """Names that are defined at a card's position."""
 
     parameters: Mapping
     functions: Mapping
@@ -137,7 +137,7 @@ def joined(card: Card, expression: str) -> str:
         words = {before, after} & {"and", "or", "not"}
         if words:
             refuse(card, f"{min(words)}: write && for and, || for or, ! for not")
-        # A blank may stand between a function and its arguments.
+        # A blank may separate a function and its arguments.
         if before[-1] == ")" or after[0] != "(":
             refuse(card, f"an operator is missing between {before[:40]!r} and {after[:40]!r}")
     return expression.replace(" ", "")
@@ -258,7 +258,7 @@ def vet_element(card: Card, scope: Scope) -> list[str]:
 
 
 def check_form(card: Card, name: str, words: list[str]) -> None:
-    """Refuse an element of a letter that no load has, and one with too few words behind it."""
+    """Raise for an element of a letter that no load has, or with too few words."""
     letter = name[0].lower()
     if letter not in ELEMENTS:
         fault = "an element of this letter is not accepted; these are: X"
@@ -302,7 +302,7 @@ def _part_parameter(card, word, scope):
     if key in FACTS or (key in SERIES and number(value) == 0.0):
         return []
     if key in PARASITICS:
-        refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
+        refuse(card, f"{key}= is LTspice's alone: write it as a separate element")
     keys = PART_PARAMETERS[card.text[0]]
     if key not in keys:
         refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
@@ -329,7 +329,7 @@ def _model(card, rest, scope):
             words.append(word)
         elif model_seen and word not in FLAGS:
             if card.text[0] in "msw":
-                refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
+                refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
             area = "area=" if card.text[0] == "d" else ""
             words.append(area + check_value(card, word, scope))
         else:

@@ -20,7 +20,7 @@ _FORMS = {
     "pulse": "pulse(low high delay rise fall width period): without one of them ngspice 39 and 46 "
     "differ",
     "sin": "sin(offset amplitude frequency delay damping phase): without a frequency ngspice takes "
-    "that of the whole run",
+    "the reciprocal of the whole run",
     "exp": "exp(low high delay1 rise delay2 fall): without one of them ngspice takes its printing "
     "step",
     "sffm": "sffm(offset amplitude carrier index signal)",

@@ -36,7 +36,7 @@ def element_name(letter: str, name: str) -> str:
 
 
 def current_name(name: str) -> str:
-    """The source with this full name, whose letter stands behind its last dot."""
+    """The source with this full name, whose letter follows its last dot."""
     return element_name(name.rpartition(".")[2][0], name)
 
 
@@ -78,7 +78,7 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
 
 
 def _model_names(elements):
-    """(kind, numbers, flags) of each model that differs → its name, which stands once."""
+    """(kind, numbers, flags) of each distinct model → its name."""
     names: dict[tuple, str] = {}
     for model in (element.model for element in elements if element.model is not None):
         if model[1:] not in names:

@@ -65,7 +65,7 @@ def find_compiler() -> str | None:
 def compiled_file(text: str) -> Path:
     """The compiled device of a Verilog-A text, from the cache or compiled now.
 
-    Any number of processes may ask at once: each compiles in a folder of its own and renames.
+    Any number of processes may ask at once: each compiles in a separate folder and renames.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def run_realizations(
     starts : sequence of (float, float, float)
         X, X' and transducer's state of each realization at the beginning, scaled.
     observers : sequence of sequences of objects with `add(record)`
-        Those of each realization.
+        Observers of each realization.
     step : str or float
         See `harvester.scene.steps.steps_per_sample`.
     source : str

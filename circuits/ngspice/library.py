@@ -24,7 +24,7 @@ HOW_TO_GET_IT = (
 
 
 def candidates() -> list[str]:
-    """Names to try to load, in order: the user's own choice alone where there is one."""
+    """Names to try to load, in order; only the user's choice if there is one."""
     chosen = os.environ.get("NGSPICE_LIBRARY_PATH")
     if chosen:
         return [chosen]
@@ -63,7 +63,7 @@ def find_library() -> str:
 
 
 def code_models(library: str) -> list[Path]:
-    """ngspice's code models: those beside the library; another release's crash it.
+    """ngspice's code models, next to the library; another release's crash it.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.base.worker_process`), because some mistakes make
+Runs in a separate worker process (`harvester.base.worker_process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 
@@ -176,7 +176,7 @@ class Session(NgSpiceShared):
         paths : sequence of ExcitationPath
             One for each copy of the device in the netlist.
         observers : sequence of sequences of objects with `add(record)`
-            Those of each copy.
+            Observers of each copy.
         steps_per_sample : int
             Steps between knots; 0 leaves the steps to ngspice.
         steps_per_contact : int
@@ -352,7 +352,7 @@ class Session(NgSpiceShared):
 
     @contextlib.contextmanager
     def _watched(self):
-        """Within the block, end a run that makes no progress: ngspice itself would try for ever."""
+        """Within the block, end a run that makes no progress: ngspice would try endlessly."""
         done = threading.Event()
         threading.Thread(target=self._watch, args=(done,), daemon=True).start()
         try:
@@ -455,7 +455,7 @@ class Session(NgSpiceShared):
         return 0
 
     def _receive_vectors(self, data, identity, user):
-        """Where the nodes of each copy stand among ngspice's vectors."""
+        """Indices of the nodes of each copy among ngspice's vectors."""
         names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
         indices = {name: k for k, name in enumerate(names)}
         self.state["time_vector"] = indices["time"]

@@ -23,7 +23,7 @@ class Averages:
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
     numerical_error
-        Numerical error of each mean above and of those of `between_wells`.
+        Numerical error of each mean above, and of the means in `between_wells`.
     density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float

@@ -84,8 +84,8 @@ def average(
 
     `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
     contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.
-    The densities of `paper` have a step at the separatrix; those of `consistent`, whose wells
-    and outer orbits overlap in the phase plane, have one at the ends of each.
+    The densities of `paper` have a step at the separatrix; the densities of `consistent`, whose
+    wells and outer orbits overlap in the phase plane, have one at the ends of each.
     """
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)
@@ -163,7 +163,7 @@ def _solve(closure, spans, levels, nodes):
     families = [settled_orbits(e, np.linspace(a, b, levels), nodes) for e, a, b in spans]
     logarithms = _logarithms(closure, families)
     weights = [np.exp(logarithm) for logarithm in logarithms]
-    # In `consistent` the wells have a potential of their own and overlap the outer orbits: inside
+    # In `consistent` each well has its own potential and overlaps the outer orbits: inside
     # the outer ones only the wells count. In `paper` the density of the innermost outer orbit goes
     # on inside.
     overlap = families[0].edge.anchor > 0.0

@@ -13,7 +13,7 @@ FINER = 10
 # Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
 # orbits.
 EVEN, TURNING = 100, 100
-# A density of X' is summed over so many even pieces, besides those between orbits.
+# Number of even intervals over which a density of X' is summed, besides those between orbits.
 PIECES = 1500
 # Orbits with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
@@ -113,7 +113,7 @@ class OrbitDensity:
         return np.reshape(total, v.shape)
 
     def _both_sides(self, x, function):
-        """Sum over the layers; orbits in the right well stand for those in the left one."""
+        """Sum over the layers; orbits in the right well also represent the symmetric left one."""
         sides = {True: (x, -x), False: (np.abs(x),)}
         return sum(
             function(layer, side)

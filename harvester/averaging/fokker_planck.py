@@ -28,8 +28,7 @@ from harvester.device.system import System
 # The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
-# The error of the nodes of Z falls exponentially with their number: so many are taken for each
-# decade of the tolerance.
+# Nodes of Z for each decade of the tolerance; the error falls exponentially with their number.
 NODES_PER_DECADE = 3.0
 # No pair of grids shows the errors of the range, of the nodes of Z and of the iteration's end:
 # together they are stated as this share of the tolerance.
@@ -48,8 +47,8 @@ SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 REGION_ATTEMPTS = 8
 # Devices with shorter contacts, in periods of small oscillations, are refused.
 SHORTEST_CONTACT = 2e-2
-# λ times the period beyond which a step would have to be too short, and below which so many vectors
-# would be needed for the stationary state that means are continued from faster rates instead.
+# λ times the period: above the first value steps would be too short; below the second so many
+# vectors would be needed that means are extrapolated from faster rates instead.
 FASTEST_DECAY = 60.0
 SLOWEST_DECAY = 2e-3
 # Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.

@@ -102,7 +102,7 @@ class GridDensity:
         return x, v, self._either_side(spline.ev, x[:, None], v)
 
     def _evenly(self, nodes, count=0):
-        """So many places as far out as a density reaches; by default as far apart as its nodes."""
+        """Evenly spaced positions over a density's range; by default as far apart as its nodes."""
         far = np.abs(nodes).max()
         low, high = (-far, far) if self.paired else (nodes[0], nodes[-1])
         apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)

@@ -27,7 +27,7 @@ POOR_DIRECTION_REST = 0.9
 KEPT, BYTES = np.float32, 4
 # If less than this share of a direction is new, the iteration has nothing left to find.
 SMALLEST_NEW_PART = 1e-6
-# A residual is computed anew once it has fallen to this share. Kept directions have single
+# A residual is recomputed once it has fallen to this share. Stored directions have single
 # precision, so that more than this cannot be removed in one go.
 REDUCTION_IN_ONE_GO = 3e-3
 # The coarser grid's solution is accurate enough when this share of the residual is left.

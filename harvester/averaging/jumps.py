@@ -111,7 +111,7 @@ class _SlowestDecay(_Found):
         return change - self.decayed * state
 
     def _later(self, state, propagator):
-        """A period later, without what is stationary."""
+        """State one period later, without its stationary part."""
         self.take()
         state = propagator.repeated(state, self.solution.steps)
         if not self.solution.grid.mirrored:

@@ -14,12 +14,12 @@ from harvester.device import timescales
 from harvester.device.system import System, potential
 
 # A density's core is its half width about the narrowest peak; ranges are counted in cores. However
-# narrow a range is, its grid has nodes as if it held so many.
+# narrow a range is, its grid has at least the nodes of this number of cores.
 FEWEST_CORES = 20
 # The load's charge displaces the mass; where the greatest charge does so by one half width of the
-# density, so many nodes of Z are added.
+# density, this number of nodes of Z is added.
 NODES_PER_WIDTH = 4.0
-# Nodes of Z added where the device is not symmetric: else each node also stands for its mirror
+# Nodes of Z added if the device is not symmetric: otherwise each node also represents its mirror
 # image.
 NODES_WITHOUT_MIRROR = 1
 # Devices whose charge displaces the mass by more half widths are refused: there the charge decides
@@ -39,7 +39,7 @@ SECOND_PEAK = 0.2
 # The grid's edge lies at least at 1.2² = 1.44 times the energy of the highest saddle: 1.2 times its
 # speed.
 EDGE_ENERGY_IN_BARRIERS = 1.44
-# Noise with a memory displaces the mass slowly. This displacement counts up to so many standard
+# Correlated noise displaces the mass slowly. The region covers this number of its standard
 # deviations.
 HELD_DEVIATIONS = 4.0
 # The range is wider than the motion found by this factor.
@@ -47,13 +47,13 @@ REGION_MARGIN = 1.05
 # From one level to the next the number of nodes, or of steps, grows by this factor.
 NODE_REFINEMENT = 4.0 / 3.0
 STEP_REFINEMENT = 1.5
-# The next level has so many nodes of Z more.
+# Nodes of Z that the next level adds.
 CHARGES_ADDED = 3
 # Mass beyond the last node of Z is shared among the nodes by a polynomial, whose weights grow with
 # the distance; the nodes reach so far that none exceeds this.
 LARGEST_WEIGHT = 1e2
-# Each step shares mass anew among the nodes, with an error of order six in their distance: with
-# STEP_REFINEMENT times the steps, so many times the nodes keep that error as it was.
+# Each step redistributes mass among the nodes, with an error of order six in their distance: with
+# STEP_REFINEMENT times the steps, this factor on the nodes keeps the error unchanged.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
 # A region shrinks at most to this share in one attempt: a grid that is much too wide gives no
 # accurate width.
@@ -95,7 +95,7 @@ class Level(NamedTuple):
     def more(self, respect: str) -> Level:
         """The next finer one: of more "steps", more "nodes" of X and X', or of Z for "charges".
 
-        A little finer in space too where there are more steps, each of which shares mass anew.
+        Slightly finer in space too if there are more steps, since each step redistributes mass.
         """
         if respect == "charges":
             return self._replace(nodes=self.nodes + CHARGES_ADDED)
@@ -141,7 +141,7 @@ class Region(NamedTuple):
     def guessed(
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
-        """The region of a Gibbs density; its rms speed is by default that of small oscillations."""
+        """Region of a Gibbs density; by default with the rms speed of small oscillations."""
         wells = timescales.wells(device) if well is None else (well,)
         frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
@@ -312,7 +312,7 @@ def _widths(nodes, density):
     peaks = peaks if peaks.size else np.array([values.argmax()])
     sides = []
     for deviations in (1.0, 3.0):
-        # Where a normal density has fallen after so many standard deviations.
+        # Number of standard deviations after which a normal density counts as zero.
         fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
         left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
         right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]

@@ -59,7 +59,7 @@ class StationaryProblem:
         self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
     def take(self, work: float, ahead: float = 0.0) -> None:
-        """Subtract this work (amplitudes times steps) from what is left, or refuse."""
+        """Subtract this work (amplitudes times steps) from the budget; raise if that is spent."""
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
@@ -206,7 +206,7 @@ def _hurry(device, time):
 
 
 def _gibbs(device, region, grid):
-    """A Gibbs density with the region's spread of X', its charge about that of the nearest well."""
+    """Gibbs density with the region's spread of X' and the charge of the nearest well."""
     wells = np.array(timescales.wells(device)) if region.well is None else np.array([region.well])
     coupling = getattr(device.transducer, "coupling", 0.0)
     nearest = wells[np.abs(grid.x[:, None] - wells).argmin(axis=1)]

@@ -43,7 +43,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     -----
     With the state z = (X, X', e), z' = A z + b η + d η', its covariance is
     ∫ Re[h h*] G df, h = d + (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2.
-    Only where the base's acceleration moves charge by itself is d = (0, 0, κ) not zero. Pieces of
+    Only if the base acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of
     the quadrature end where G bends and at each resonance, and double away from it.
     """
     system = ready.system

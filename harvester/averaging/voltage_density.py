@@ -18,7 +18,7 @@ SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 VALUES = 481
 # Places with less than this share of the greatest mass are left out of the density of Z.
 COUNTED_MASS = 1e-4
-# A normal density is followed up to so many standard deviations.
+# Number of standard deviations over which a normal density is evaluated.
 NORMAL_TAIL = 5.0
 # Number of normal densities that are summed at a time, to save memory.
 NORMALS_AT_A_TIME = 4000

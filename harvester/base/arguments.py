@@ -33,7 +33,7 @@ def usual_arithmetic() -> np.errstate:
 def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    `example`: how it is written. Raises HarvesterError for a text, for what is no list,
+    `example`: a valid value, for the message. Raises HarvesterError for a text, for no list,
     and for a list without an end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):

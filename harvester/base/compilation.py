@@ -18,7 +18,7 @@ intrinsic     LLVM's own instructions                calls by address, numbers s
 
 numba is imported here, and by other modules from here: it reads a file `.numba_config.yaml` of the
 working folder when it is imported and whenever it compiles, which may name a folder of code.
-What is changed in numba itself, and which version that was tried with, stands in
+The changes to numba, and the version that they were tested with, are in
 `harvester.base.numba_patches`.
 """
 
@@ -83,8 +83,8 @@ IMPORT = re.compile(
 def merged(function: Callable) -> Callable:
     """Let LLVM write a function into its callers: sooner done than `inlined` for a large one.
 
-    Uncounted as well. Where a caller knows beforehand that an argument is True or None, the code
-    is without what is then not chosen. Python calls the function as it stands.
+    Uncounted as well. If a caller knows beforehand that an argument is True or None, the compiled
+    code omits the branch that is never taken. Python calls the function unchanged.
     """
     options = {"error_model": "numpy", **UNCOUNTED, **INLINE, **WITHIN}
 
@@ -108,7 +108,7 @@ def numbers_of(part: Any) -> list[float]:
 def address_of(function: Any, *arguments: Any) -> int:
     """Address at which C can call a function for arguments of these types; compiled if need be.
 
-    With the types in its signature it is found again on disk; a function made anew for each kind
+    If the types are in its signature, it is cached on disk; a function made for each kind
     of device, with the kind among its free variables, is not.
 
     `function`: a function that `compiled` has decorated.
@@ -122,7 +122,7 @@ def address_of(function: Any, *arguments: Any) -> int:
 def compiled_sources() -> list[Path]:
     """The files that compiled code is made of.
 
-    These are all files of the folders in which something imports this module, since a class beside
+    These are all files of the folders in which a module imports this one, since a class next to
     them may be an argument of compiled code, and whatever those files import at their head. What a
     function imports as it runs is not compiled.
     """

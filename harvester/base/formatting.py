@@ -152,7 +152,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 
 def in_print(unit: str) -> str:
-    """A unit for reading: "(m/s)^2" as "(m/s)²", none of what is a plain number."""
+    """Printed form of a unit: "(m/s)^2" as "(m/s)²"; empty for a dimensionless number."""
     return "" if unit == "1" else unit.replace("^2", "²").replace("^-1", "⁻¹")
 
 

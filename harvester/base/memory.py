@@ -27,7 +27,7 @@ LIMITS = {
 
 
 def load_libraries_early() -> None:
-    """Where memory is limited, import what is imported later, or say that it will not fit.
+    """If memory is limited, import all libraries now, or raise if they do not fit.
 
     Raises MemoryError.
     """

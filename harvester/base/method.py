@@ -16,7 +16,7 @@ from harvester.base.plain_text import shown
 class Method(ABC):
     """A way to an answer: an engine that simulates, or a closure.
 
-    Every field is a setting with a default. A name, such as "circuit", stands for the object with
+    Every field is a setting with a default. A name, such as "circuit", is short for the object with
     its defaults.
     """
 
@@ -46,7 +46,7 @@ class Method(ABC):
         Parameters
         ----------
         key : str
-            Key under which the engine's name stands. `step` has a key of its own; other settings
+            Key of the engine's name. `step` has a separate key; other settings
             are included if they differ from their defaults.
         """
         settings = self.settings
@@ -60,7 +60,7 @@ class Method(ABC):
         Parameters
         ----------
         options : mapping of str to object
-            None stands for an option that is left out.
+            None means that the option is left out.
         """
         names = {field.name for field in fields(self)}
         stated = {name: value for name, value in options.items() if value is not None}
@@ -80,7 +80,7 @@ class Method(ABC):
                 continue
             if not hasattr(self, name) or getattr(self, name) != value:
                 raise HarvesterError(
-                    f"{name} = {shown(value)}: stands beside a method that is given as an object; "
+                    f"{name} = {shown(value)}: not allowed with a method given as an object; "
                     f"write {type(self).__name__}({name}=…), where it has such a setting"
                 )
             message = f"{name}= is given twice, by itself and in {type(self).__name__}"

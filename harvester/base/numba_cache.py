@@ -19,7 +19,7 @@ from typing import Any
 from harvester.base.surroundings import PACKAGE, foreign_writers_of, other_writers
 
 # The cache holds code for types of these packages only. Code for a part of another package is
-# compiled anew in each process, since other processes may lack that package.
+# compiled again in each process, since other processes may lack that package.
 OWN = ("harvester", "circuits")
 DIGEST_BYTES = hashlib.sha256().digest_size
 
@@ -55,7 +55,7 @@ def plain_file(path: str) -> bytes | None:
 
 
 def begins_with_text(content: bytes) -> bool:
-    """Whether a pickled text stands in front, as the version does in an index of any release."""
+    """Whether the data begin with a pickled text, such as the version at the head of an index."""
     try:
         return isinstance(pickle.loads(content), str)
     # Damaged bytes may raise anything.
@@ -81,8 +81,8 @@ def _say_damage(path: str) -> None:
     if not _said:
         _said.append(path)
         print(
-            f"harvester: {path}: compiled code that is damaged, or that others may write; it is "
-            "compiled anew",
+            f"harvester: {path}: compiled code is damaged, or other users may write it; it is "
+            "compiled again",
             file=sys.stderr,
         )
 
@@ -143,7 +143,7 @@ def is_foreign(kind: Any) -> bool:
 def is_safe() -> bool:
     """Whether nobody but this user and the program's owner may write to numba's cache.
 
-    It lies in NUMBA_CACHE_DIR, else beside the sources, else in a folder of the user's.
+    It is in NUMBA_CACHE_DIR, else next to the sources, else in a folder of the user.
     """
     from numba.core import config
     from numba.misc.appdirs import AppDirs

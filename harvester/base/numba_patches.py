@@ -74,7 +74,7 @@ def keep_own_index() -> None:
     """Make numba's cache hold types of this program only, and take no file that is damaged.
 
     An index is read whole: with a type whose module is gone numba would stop there. A file whose
-    digest does not match is compiled anew, which is said; one that cannot be written is left out.
+    digest does not match is compiled again, with a warning; one that cannot be written is skipped.
     """
 
     class OwnIndex(caching.IndexDataCacheFile):

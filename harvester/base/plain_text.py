@@ -1,8 +1,8 @@
 """Words that somebody else chose (names of files, keys, messages), made safe to show and to write.
 
-What is shown goes through `one_line`, values and keys in messages through `shown` and `named`; what
-becomes part of netlists, figures, tables and names of files is made a name by `name` where it
-enters; JSON keeps every character, by `json_text`.
+Displayed text goes through `one_line`, values and keys in messages through `shown` and `named`;
+text that becomes part of netlists, figures, tables and names of files is made a name by `name`
+where it enters; JSON keeps every character, by `json_text`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def one_line(text: object) -> str:
 
 
 def name(text: object) -> str:
-    """A name for netlists, figures, tables and files; `_` stands for what has a meaning there.
+    """A name for netlists, figures, tables and files; `_` replaces special characters.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from pathlib import Path
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 
-# One record may take this share of the machine's memory, and never more than so many bytes.
+# Largest share of the machine's memory, and largest number of bytes, for one record.
 MEMORY_SHARE = 0.25
 LARGEST_MEMORY = 4 * 2**30
 
@@ -54,7 +54,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
 
 
 def _check(status, where, noun, largest):
-    """Refuse what is no plain file or too large; returns the size in bytes."""
+    """Return the size of a file in bytes; raise if it is no plain file or too large."""
     for is_sort, sort in _SORTS:
         if is_sort(status.st_mode):
             raise SceneError(

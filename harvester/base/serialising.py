@@ -79,7 +79,7 @@ _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
 
 
 class NotAValue(Exception):
-    """A value is of another type than the one that is read; the message says where it stands."""
+    """A value has another type than the type that is read; the message names its key."""
 
 
 def read(kind: Any, value: Any, where: str) -> Any:

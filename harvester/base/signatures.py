@@ -40,13 +40,13 @@ class Kind:
     Attributes
     ----------
     metavar : str
-        Stands for the value in a command's help; FILE and DIR are completed by the shell.
+        Placeholder of the value in a command's help; FILE and DIR are completed by the shell.
     required : str
         Text: what a value must be.
     holds : callable or None
         Function that tells whether a value is allowed; None: all are.
     option : str
-        Name of the option where it is not that of the parameter.
+        Name of the option if it differs from the parameter's.
     read : callable or None
         The value that a text of the command line means; a ValueError or LookupError refuses it.
         With `words` it is given a list of texts. None: a number or the text, by the Python type.
@@ -104,7 +104,7 @@ def range_of(text: str) -> tuple[float, float]:
 
 
 def window_of(text: str) -> tuple[float, float]:
-    """Two times in seconds from START:END, or from "all" those of the whole run."""
+    """Return two times in seconds from START:END; "all" means the whole run."""
     start, stop = (0.0, math.inf) if text == "all" else map(float, text.split(":"))
     return start, stop
 
@@ -239,7 +239,7 @@ class RunnerOptions(TypedDict, total=False):
     Parameters
     ----------
     time_budget : float or None
-        Begin nothing new after so many seconds, and end what runs 5 % longer; the same call
+        Start no task after this number of seconds, and end running tasks 5 % later; the same call
         goes on.
     workers : int or None
         Processes (default: one a core).
@@ -263,8 +263,8 @@ class RunnerOptions(TypedDict, total=False):
     workers: Count | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    # `open_runner` annotates these two by their types. They stand above this module, so that it has
-    # Any.
+    # `open_runner` annotates these two by their types. They are in rooms above this one, so that it
+    # has Any.
     executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | Literal[False] | None
@@ -278,7 +278,7 @@ class Option(NamedTuple):
     ----------
     name : str
     type : object
-        Type of the value, without the None that stands for a value left out; None where only a type
+        Type of the value, without None for a value left out; None if only a type
         checker knows the names in it.
     kind : Kind
     default : object
@@ -327,7 +327,7 @@ class Option(NamedTuple):
 
 @functools.cache
 def options_of(function: Callable) -> dict[str, Option]:
-    """A function's parameters by name, with those of the typed dictionary that collects others."""
+    """A function's parameters by name, including those of its `**options: Unpack[…]`."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
     for name, parameter in inspect.signature(function).parameters.items():

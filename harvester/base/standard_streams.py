@@ -92,7 +92,7 @@ class _GuardedBuffer:
 
 
 class _Closed(io.TextIOBase):
-    """Stands for a stream that was closed when the process began."""
+    """Replacement of a stream that was closed when the process began."""
 
     encoding = "utf-8"
 

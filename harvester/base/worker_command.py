@@ -1,6 +1,6 @@
 """How a worker process is started: nothing of the working folder, nothing of chance.
 
-It runs in an empty folder of its own, imports nothing from the working folder or by Python's
+It runs in a new empty folder, imports nothing from the working folder or by Python's
 environment variables, and sees only those variables that say where this machine keeps its things.
 """
 
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# Packages that the worker needs beside harvester itself.
+# Packages that the worker needs in addition to harvester.
 REQUIRED = ("numpy", "scipy", "numba", "cffi", "PySpice")
 # Variables that list folders. Relative ones are removed: they would lead into the working folder.
 SEARCHED = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH")

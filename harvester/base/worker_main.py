@@ -84,6 +84,6 @@ def _read_calls(calls):
                 os.rmdir(os.getcwd())
             os._exit(0)
         except BaseException as error:
-            # If a call cannot be read, the process ends: the caller would wait for ever.
+            # If a call cannot be read, the process ends: otherwise the caller would wait endlessly.
             print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
             os._exit(72)

@@ -163,11 +163,11 @@ class WorkerPool:
 class ExecutorPool:
     """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
-    Each of its processes keeps a worker process of its own, so that a crash or a hang of the
+    Each of its processes starts a separate worker process, so that a crash or a hang of the
     simulator never reaches the executor. There is no progress.
     """
 
-    # The executor queues tasks by itself.
+    # The executor has its own queue.
     size = math.inf
 
     def __init__(self, executor: Executor) -> None:
@@ -233,7 +233,7 @@ def processes(
 def lost(error: BaseException) -> HarvesterError:
     """The error to raise for a call that an executor dropped."""
     return HarvesterError(
-        f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
+        f"the executor lost a task: {type(error).__name__}: {error}; finished answers are kept "
         "where there is an --output"
     )
 

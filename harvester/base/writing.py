@@ -64,12 +64,12 @@ def write_json(path: str | Path, content: Any) -> None:
 
 
 def finite(value: float | None) -> float | None:
-    """A number for JSON: None for None and for what is not finite."""
+    """A number for JSON: None for None, NaN and infinities."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def is_standard_output(path: str | Path | None) -> bool:
-    """Whether what is written there goes to standard output."""
+    """Whether this path is standard output."""
     return path is not None and _open_file(path) == STANDARD_OUTPUT
 
 
@@ -137,7 +137,7 @@ def _named(path):
 
 
 def _open_file(path):
-    """Number of this process's open file that a path stands for, or None."""
+    """Descriptor of this process's open file that a path such as /dev/fd/3 names, or None."""
     if str(path) == "-":
         return STANDARD_OUTPUT
     folders = {os.path.realpath(folder) for folder in OPEN_FILES}

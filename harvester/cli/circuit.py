@@ -28,7 +28,7 @@ def netlist(
     step: Step = "default",
     realization: int = 0,
 ) -> None:
-    """Write a stand-alone .cir that plain `ngspice -b` runs.
+    """Write a self-contained .cir that plain `ngspice -b` runs.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def netlist(
     output : str
         File, or folder for SCENE.cir (default: standard output).
     dialect : str
-        ngspice, or ltspice, with the noise in FILE-noise.txt beside FILE.
+        ngspice, or ltspice, with the noise in FILE-noise.txt next to FILE.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int
@@ -118,7 +118,7 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     nodes : str or None
         The harvester's two nodes and the output's two, P,N,OUT,REF or P,N (default: asked for).
     remove : str
-        Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
+        Elements that represent the harvester, in addition to the sources between its nodes: V1,C1.
     output : str
         The load's file, NAME.lib (default: standard output).
 

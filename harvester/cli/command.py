@@ -146,7 +146,7 @@ class Command:
         return Scene.read(values.pop("scene", scene.default), overrides)
 
     def _running(self, values: dict[str, Any]) -> dict[str, Any]:
-        """The options of the runner, taken out of those of the function."""
+        """Pop the options of the runner from the options of the function."""
         running: Any = self.running(values) if self.running else {}
         given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
         return running | {name: values.pop(name) for name in given}

@@ -119,7 +119,7 @@ def new(
 
 
 def _check_new(file):
-    """Refuse what is there already, and what could be taken for a built-in scene's name."""
+    """Raise if the file exists already, or has the name of a built-in scene."""
     if not file.endswith(".toml"):
         raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
     if os.path.lexists(file):
@@ -127,7 +127,7 @@ def _check_new(file):
 
 
 def _copied(name):
-    """Text of a built-in scene with a head of its own."""
+    """Text of a built-in scene under a new heading."""
     from harvester.scene.source import BUILT_IN, built_in_names
 
     check_name("built-in scene", name, built_in_names())

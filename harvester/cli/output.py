@@ -31,7 +31,7 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
             if runner.out_of_time:
                 print_error("the time budget was spent: the same command goes on where it ended")
     except KeyboardInterrupt as interrupt:
-        hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
+        hint = "the same command continues from finished answers" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 
@@ -76,7 +76,7 @@ def show(result: ResultBase, title: str, json: str | None = None) -> None:
 def write_result(
     json: str | None, output: str | os.PathLike | None, name: str, result: ResultBase
 ) -> None:
-    """Write the files that were asked for; those of a folder: see `harvester.save`."""
+    """Write the files that were asked for; for the files of a folder see `harvester.save`."""
     from harvester.base.writing import write_json
     from harvester.results.files import save
 

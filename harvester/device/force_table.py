@@ -24,7 +24,7 @@ from harvester.device.dispatch import Values
 MOST_PIECES = 32
 # Every table is filled with zero terms up to this number, so that one compiled code serves all.
 TERMS = MOST_PIECES + 1
-# A smoothed table has so many points for each of its pieces.
+# Points of a smoothed table for each of its pieces.
 POINTS_PER_PIECE = 3
 # A table is symmetric if its force differs from the mirrored one by less than this share of the
 # greatest force.
@@ -34,7 +34,7 @@ INTERPOLATIONS = ("monotone", "smooth")
 
 
 class ForceTable(NamedTuple):
-    """A piecewise cubic restoring force; the equations are those of `harvester.device.spring`.
+    """A piecewise cubic restoring force; see `harvester.device.spring` for the equations.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ def force_table(
     """The spring through a table's points, or nearly through them.
 
     `points`: displacement and force, the displacements ascending, the first below 0 and the last
-    above. `interpolation`: "monotone": through every point, nowhere beyond the two beside it
+    above. `interpolation`: "monotone": through every point, nowhere beyond its two neighbours
     (scipy's PCHIP), of which there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least
     squares, which has F'' continuous and, for each of its pieces, at least three points.
     """

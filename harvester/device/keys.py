@@ -181,7 +181,7 @@ class Table:
     Attributes
     ----------
     NAME
-        Name of the table in a scene; None: that of the class in small letters.
+        Name of the table in a scene; None: the class's name in small letters.
     KEYS
         Keys that the table may hold.
     UNITS

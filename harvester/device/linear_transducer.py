@@ -33,9 +33,9 @@ class NoBaseForce:
 
 
 class LinearTransducer(NoBaseForce):
-    """Base of the named tuples of such equations; without fields of its own.
+    """Base of the named tuples of such equations; without fields.
 
-    Methods take and return floats and are compiled as they stand. A subclass has at least
+    Methods take and return floats and are compiled. A subclass has at least
     `coupling`, `load_rate` and `own_rate` as in `TransducerRates`, and `voltage` and `loss`.
     """
 

@@ -19,7 +19,7 @@ class Polynomial(NamedTuple):
     """A polynomial restoring force, its even and odd powers apart.
 
     Where a device has only odd powers the even ones are an empty tuple and cost nothing.
-    The equations are those of `harvester.device.spring`.
+    See `harvester.device.spring` for the equations.
 
     Attributes
     ----------

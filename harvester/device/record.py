@@ -95,7 +95,7 @@ def fill(
     own_loss: float,
     state: float,
 ) -> None:
-    """Write one point; `loss` is that of damper and contacts, `own_loss` the transducer's."""
+    """Write one point; damper and contacts dissipate `loss`, the transducer `own_loss`."""
     record.time[index] = time
     record.displacement[index] = x
     record.velocity[index] = v

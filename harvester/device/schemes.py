@@ -25,7 +25,7 @@ class Scheme(enum.Enum):
     def argument(self) -> bool | None:
         """The scheme as an argument of compiled code.
 
-        None has a type of its own: the code for Runge–Kutta, which nearly all runs take, is
+        None has a separate type: the code for Runge–Kutta, which nearly all runs take, is
         compiled without the other two, and LLVM can take eight realizations at a time. A value of
         an enumeration would leave the choice to every step.
         """

@@ -24,7 +24,7 @@ from harvester.device.polynomial import Polynomial
 force = equation("force")
 energy = equation("energy")
 greatest_stiffness = equation("greatest_stiffness")
-# The greatest stiffness is searched among so many points of the range.
+# Points of the range among which the greatest stiffness is searched.
 STIFFNESS_POINTS = 201
 
 

@@ -82,7 +82,7 @@ class System(NamedTuple):
 
     @property
     def lossy_transducer(self) -> bool:
-        """Whether leak or winding take power of their own."""
+        """Whether the leak or the winding dissipates power."""
         return not self.transducer.lossless
 
 

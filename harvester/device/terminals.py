@@ -2,7 +2,7 @@
 
 A transducer acts on the mass with a force and hands power to what hangs on its terminals. Its own
 loss (leak, winding) never counts as power. It is one module with two classes: the named tuple of
-its scaled equations, which are those of `harvester.device.linear_transducer`, and its table,
+its scaled equations (see `harvester.device.linear_transducer`), and its table,
 derived from `TransducerTable`. It joins the others by an entry in
 `harvester.scene.tables.TRANSDUCERS`.
 """

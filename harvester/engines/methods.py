@@ -285,7 +285,7 @@ def check_step(step: str | float) -> str | float:
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
-    """Refuse what is no option of any engine, whichever is named."""
+    """Raise if a name is an option of no engine."""
     check_step(options.get("step", "default"))
     check_name("source", options.get("source", "external"), SOURCES)
     check_name("device", options.get("device", "automatic"), DEVICES)

@@ -47,7 +47,7 @@ def open_runner(
     scheduler : str or None
         Address of a Dask scheduler, instead of them.
     time_budget : float or None
-        Wall-clock seconds after which nothing is begun; what is running is ended once they are
+        Wall-clock seconds after which no task starts; running tasks are ended once they are
         exceeded by a twentieth.
     time_limit : float
         Wall-clock seconds of one realization.
@@ -78,7 +78,7 @@ def open_runner(
 
 @contextlib.contextmanager
 def _pool(workers, executor, scheduler):
-    """The Dask cluster's, or that of `harvester.base.worker_pool.processes`."""
+    """The Dask cluster's executor, or `harvester.base.worker_pool.processes`."""
     if executor is not None or scheduler is None:
         with processes(executor, workers) as pool:
             yield pool

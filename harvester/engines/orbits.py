@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Motions without a period, those of most starts, whose exponent is looked for: what still settles
+# Largest number of motions without a period whose exponent is computed: a motion that still settles
 # may make one of each start.
 MOST_EXPONENTS = 4
 # A start is in the means of its motion if its first cycle is off its last by at most this share.
@@ -57,7 +57,7 @@ SETTLED = 1e-5
 # Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
 # of fewer, starts are on one motion if they meet.
 SAMPLES, FEWEST_SAMPLES = 64, 6
-# Orbits whose powers differ by less than this share are told as one, such as mirror images.
+# Orbits whose powers differ by less than this share are reported as one, such as mirror images.
 SAME_POWER = 1e-3
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
@@ -297,7 +297,7 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
 def _attractor(
     prepared_scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None
 ):
-    """One motion with its own means: those of a run of some of its starts, and of its cycle."""
+    """One motion with its means, from a run of some of its starts and from its cycle."""
     scaled = {}
     if moments:
         scaled = run_estimates(_alone(prepared_scene, len(moments)), moments, cost).scaled

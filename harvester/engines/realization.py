@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
-# A transient is resolved if its energies, in so many parts of the run, change by less than this
-# share when its steps are halved.
+# A transient is resolved if its energies, in this number of parts of the run, change by less than
+# this share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
 # The path of a nonlinear device under one record may be chaotic. An ensemble shows it: runs whose
 # excitation differs by these shares of the step error. With a resistor they use lanes of the
@@ -64,7 +64,7 @@ class Realization:
     waveform
         The stretch asked for.
     electrical
-        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+        Series in addition to the waveform: `output_voltage` (scaled) of a load with an output, and
         the requested nodes and currents (V and A).
     joint
         Joint histogram, if it was requested.
@@ -465,7 +465,7 @@ def empty_moments(prepared_scene: Prepared) -> Moments:
 def quantity_names(scene: Scene) -> tuple[str, ...]:
     """Names of the quantities that an engine may give for a scene, without a run.
 
-    They are those of the estimates from moments that are filled with ones.
+    They are the names of estimates from moments that are filled with ones.
     """
     prepared_scene, load = prepared(scene), scene.load.circuit
     moments = empty_moments(prepared_scene)

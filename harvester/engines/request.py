@@ -37,8 +37,8 @@ Found = TypeVar("Found")
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
-# With a precision, the first round has so many realizations, and all rounds together at most so
-# many.
+# With a precision: realizations of the first round, and at most of all rounds
+# together.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
 # The next round brings the number of realizations to MARGIN times what the latest error bar asks
 # for, and at most to GROWTH times the present number, since the first error bars are rough.
@@ -137,7 +137,7 @@ class Answer:
         Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.
     on_orbits
-        Those of the notes that say which orbit was followed.
+        The notes that say which orbit was followed.
     orbits
         The orbits that starts reached without noise, the followed one first.
     density
@@ -233,7 +233,7 @@ def answering(
 def sampling_error_budget(precision: float, step_error: float) -> float:
     """Relative standard error that with the steps' error makes up a precision.
 
-    Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
+    If the step error alone exceeds it, the precision itself; `note_on_steps` then reports it.
     """
     left = precision**2 - step_error**2
     return math.sqrt(left) if left > 0.0 else precision

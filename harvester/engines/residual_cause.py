@@ -16,15 +16,15 @@ from harvester.statistics.moments import QUANTITIES
 if TYPE_CHECKING:
     from harvester.results.result import Result
 
-# The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
+# The step is suspected if the residual is at most this multiple of (ω h)²/12, the error of the
 # trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω. Under
 # noise far above the resonance that is the motion's mean frequency.
 STEP_ERROR_FACTOR = 10.0
 # A run counts as short when the energy stored in the device changes by at least this share of the
 # energy that flows through it.
 STORED_SHARE_OF_SHORT_RUNS = 0.5
-# A residual is ascribed to load or damper when, over at least so many realizations, it has at least
-# this correlation with what that part dissipates.
+# A residual is ascribed to load or damper if, over at least this number of realizations, it has at
+# least this correlation with what that part dissipates.
 FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
@@ -62,7 +62,7 @@ def _causes(result):
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
     if not share < STORED_SHARE_OF_SHORT_RUNS:
         yield (
-            f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+            f"the run is too short: the stored energy changes by {share:.2g} of the input, so "
             "that its ends matter; raise run.duration"
         )
     fastest = _fastest(prepared_scene)

@@ -34,7 +34,7 @@ FINER = 4
 GMIN = 1e-10
 # Capacitances of each node to ground, as shares of the transducer's.
 SHUNTS = 1e-4, 1e-3
-# At most so many expressions of the load are named.
+# Largest number of the load's expressions that are named.
 MOST_NAMED = 3
 
 

@@ -19,7 +19,7 @@ from harvester.engines.simulate import TIME_LIMIT
 from harvester.engines.store import MISSING, AnswerStore
 from harvester.engines.task import Task, Wanted, compute
 
-# At most so many damaged answers are named.
+# Largest number of damaged answers that are named.
 MOST_NAMED = 10
 # Share of the time budget by which tasks that are running may exceed it; then they are ended.
 OVERRUN = 0.05
@@ -129,7 +129,7 @@ class Runner:
         return self.follow(plans, on_answer, in_turn)
 
     def version(self, method: str) -> str:
-        """The version of the program that an engine or closure uses beside this package."""
+        """Version of the other program that an engine or closure uses."""
         if method != "circuit":
             return ""
         if not self._circuit:
@@ -224,7 +224,7 @@ class _Following:
         return [results[key] for key in self._wanted.pop(plan)]
 
     def _ask(self, plan, task):
-        """Note what is known of a task, or wait for it."""
+        """Use the stored answer of a task, or wait for it."""
         runner, key = self._runner, task.key
         if key in self._waiting:
             self._waiting[key].add(plan)
@@ -310,7 +310,7 @@ def _outcome(future):
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
-    # If the process itself ended, the failure stands there without a time.
+    # If the process itself ended, the failure has no time.
     return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
 
 

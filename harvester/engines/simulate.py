@@ -56,7 +56,7 @@ def simulate(
     method : str or Method
         circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
         In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
-        below themselves; a name stands for the object with its defaults.
+        below themselves; a name is short for the object with its defaults.
     source : str
         Circuit only: external, the path through compiled callbacks, or pwl, a source in the
         netlist with ngspice's own steps, for comparison.

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
     from harvester.scene.prepared import Prepared
 
-# If no window is asked for, the waveform has so many periods of small oscillations and at most so
-# many points. A load that switches fast may reach the number of points first.
+# If no window is asked for: periods of small oscillations in the waveform, and its largest number
+# of points. A load that switches fast may reach the number of points first.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 

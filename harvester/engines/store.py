@@ -8,7 +8,7 @@ from harvester.base.writing import whole_file
 from harvester.engines.codec import NotAnAnswer, is_lasting, packed, read
 from harvester.engines.task import Task
 
-# Stands for a missing answer, since None may be an answer.
+# Marks a missing answer, since None may be an answer.
 MISSING = object()
 
 
@@ -78,7 +78,7 @@ class AnswerStore:
         return self._folder / f"{task.key}.npz"
 
     def _is_free(self, task):
-        """Whether an answer may be written: what is no plain file is not ours to replace."""
+        """Return whether an answer may be written: only a plain file is replaced."""
         try:
             if stat.S_ISREG(os.lstat(self._path(task)).st_mode):
                 return True

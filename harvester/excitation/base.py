@@ -24,7 +24,7 @@ class Run(Table):
     """Length and number of the realizations, and the seed.
 
     With `starts` each realization has a start drawn evenly over the device's energy range; without
-    it they begin in the wells in turn.
+    it, successive realizations begin in successive wells.
     """
 
     duration: float = positive("duration: measured time of each; of a record: all of it", "s")
@@ -155,7 +155,7 @@ class Excitation(Table, ABC):
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
         """One-sided density of the base's acceleration, without `lines`; None where no one knows.
 
-        At frequencies (Hz) of any shape, in (m/s²)²/Hz, or that of η in a scaled scene.
+        At frequencies (Hz) of any shape, in (m/s²)²/Hz; in a scaled scene the density of η.
         """
         return None
 

@@ -25,7 +25,7 @@ INNER, WIDTH, HEIGHT = ziggurat.ki_double, ziggurat.wi_double, ziggurat.fi_doubl
 TAIL, INVERSE_TAIL = ziggurat.ziggurat_nor_r, ziggurat.ziggurat_nor_inv_r
 # Random words per number: one is enough but for 1.2 % of the numbers.
 WORDS_FOR_A_NUMBER = 1.02
-# So many words at the end of a block stay unused, so that no number runs out of words.
+# Random words at the end of a block that stay unused, so that no number runs out of words.
 SPARE_WORDS = 64
 DOUBLES_IN_ONE = 2.0**53
 

@@ -12,7 +12,7 @@ from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 from harvester.excitation.sine import DETERMINISTIC_NOTE
 
-# Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
+# Knots per cycle: enough to resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
 
 

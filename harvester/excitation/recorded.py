@@ -63,8 +63,8 @@ class RecordedMotion(Excitation):
 
     `harvester.records` reads and mends the samples, `conditioning` filters them.
     Of a periodic record the ends are faded into each other over a twentieth of it, and each
-    realization starts at an offset of its own, drawn from the seed. A worker process reads the file
-    for itself, and refuses one that has another digest.
+    realization starts at a different offset, drawn from the seed. A worker process reads the file
+    again, and raises if its digest has changed.
     """
 
     file: str = key(
@@ -213,7 +213,7 @@ class RecordedMotion(Excitation):
             *(f"record {name}: {remark}" for remark in _knots(self).remarks),
             f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
-            "below that of the band-limited signal",
+            "below the band-limited signal's",
         ]
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
@@ -226,11 +226,11 @@ class RecordedMotion(Excitation):
             lines.append(
                 "a few events hold the record's energy: it is a transient and no sample of a "
                 "stationary signal; means times run.duration are the energies of this record, and "
-                "error bars are those of the steps, from a second run with longer steps"
+                "error bars cover the steps alone, from a second run with longer steps"
             )
         else:
             drifting = (
-                "are those of records that drift alike; between its quarters the mean square "
+                "hold for records that drift alike; between its quarters the mean square "
                 f"changes by a factor of {change:.3g}"
             )
             steady = "hold for records like it; its mean square is steady"
@@ -500,7 +500,7 @@ def _events(record, count):
 
 @lru_cache(maxsize=4)
 def _density(record, size):
-    """Welch's estimate of the record's density from stretches of so many knots."""
+    """Welch's estimate of the record's density from segments of a number of knots."""
     from scipy import signal
 
     return signal.welch(record.samples, 1.0 / record.interval, nperseg=size)

@@ -83,7 +83,7 @@ class Sine(Harmonic):
 class SteppedSine(Harmonic):
     """One frequency after another without a jump in phase, for frequency responses.
 
-    Not a kind of its own in scenes: `harvester.frequency_response` puts it there.
+    Not a kind of scenes: `harvester.frequency_response` creates it.
 
     `amplitude` in m/s² in SI, `frequencies` in Hz, `dwell` at each in s.
     """
@@ -123,7 +123,7 @@ class SinePath(ExcitationPath):
     amplitude : float
         Amplitude of η, scaled units.
     frequencies : sequence of float
-        Hz; the last one goes on for ever.
+        Hz; the last one continues until the end.
     dwell : float
         Time at each but the last (s).
     spacing : float

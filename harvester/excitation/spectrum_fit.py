@@ -15,7 +15,7 @@ from harvester.excitation.recorded import one_pass
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Periodograms of so many stretches are averaged, not counting the half-overlapping ones.
+# Number of segments whose periodograms are averaged, without the half-overlapping ones.
 STRETCHES = 16
 # The noise is fitted and compared up to these shares of half the sampling rate. Above, sampling
 # folds the tail of the noise back: at these shares by 5 % and 23 % of the density.

@@ -40,7 +40,7 @@ def common_period(periods: Sequence[float]) -> float | None:
 
 @table
 class Sum(Excitation):
-    """Several excitations at once, each with random numbers of its own.
+    """Sum of several excitations with independent random numbers.
 
     White noise is as wide as the common knots.
     """
@@ -74,7 +74,7 @@ class Sum(Excitation):
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
-        """Those of the parts; sines of one frequency are one line, the sum of their phasors."""
+        """Lines of all parts; sines of one frequency are one line, the sum of their phasors."""
         phasors: dict[float, complex] = {}
         others: list[tuple[float, float]] = []
         for part in self._leaves():
@@ -94,7 +94,7 @@ class Sum(Excitation):
 
     @property
     def period(self) -> float | None:
-        """The parts' common one, where their ratios are those of small whole numbers."""
+        """Common period of the parts, if their ratios are those of small integers."""
         periods = [part.period for part in self.parts]
         return None if None in periods else common_period(periods)
 
@@ -119,7 +119,7 @@ class Sum(Excitation):
         for index, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
-                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, beside "
+                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, next to "
                     "which no other part acts: make it the whole excitation, or take it out"
                 )
             part.check(units, run, f"{origin}: parts[{index}]")

@@ -38,8 +38,8 @@ class White(Excitation):
             return self.knot_spacing
         if not math.isfinite(longest):
             raise SceneError(
-                "excitation.knot_spacing is missing: give it (s), as this device has no frequency "
-                "of its own to choose it by"
+                "excitation.knot_spacing is missing: give it (s), since this device has no natural "
+                "frequency to derive it from"
             )
         return longest
 

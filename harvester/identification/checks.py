@@ -27,8 +27,8 @@ BAND = (0.5, 2.0)
 # Least share of the acceleration's power in that band; rounding of the recorded numbers may leave
 # less.
 SMALLEST_BAND_SHARE = 1e-4
-# A record is a ring-down if the mean square of its last quarter is below this multiple of that of
-# its first.
+# A record is a ring-down if the mean square of its last quarter is below this multiple of the
+# first quarter's.
 RINGING_DOWN = 0.5
 
 
@@ -72,7 +72,7 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
                 f"{record.name}: the velocity is in volts: name its scale with --free "
-                f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
+                f"{VELOCITY_SCALE}, or give it after the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
             )
         if len(record.outputs) == 1:
             raise IdentificationError(

@@ -1,4 +1,4 @@
-"""Figure of an identification: what was measured beside what the scene predicts of it."""
+"""Figure of an identification: measurement and prediction by the scene."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class Fitted:
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
+    """Sizes from the fitted motion; for a frequency response see `first_sizes`."""
     if isinstance(measurements[0], MeasuredResponse):
         return first_sizes(base.scene, measurements)
     reach, speed = 0.0, 0.0
@@ -155,7 +155,7 @@ FITTED_SHARE = 2.0 / 3.0
 # With fewer samples in a period of the motion than this the base's path is a spline, not straight
 # lines between samples: of 20 samples lines take 0.8 % of the amplitude, of 7 they take 6.5 %.
 FEWEST_FOR_LINES = 20.0
-# An interpolation is ruled out if its weighted cost is higher by this than that of the other.
+# An interpolation is ruled out if its weighted cost exceeds the other's by this.
 RULED_OUT = 9.0
 # A fit to responses may begin at these multiples of the scene's stiffness, damping and coupling;
 # the best few of these starts are fitted.

@@ -1,8 +1,8 @@
 """What the data do not determine: among the fitted values, and of the values taken as known.
 
 A null direction of the Jacobian, its columns relative to the values, is a combination of values
-that the data leave open. A sensor's gain, a load's resistance and the mass are taken as known. The
-column of such a value, added to those of the fitted ones, shows whether its error would leave a
+that the data leave open. A sensor's gain, a load's resistance and the mass are assumed exact. The
+column of such a value, added to the columns of the fitted values, shows whether its error leaves a
 trace in the residuals, and which fitted values would take the error over. One error at a time is
 examined.
 """
@@ -47,7 +47,7 @@ class Undetermined:
     keys : tuple of str
         Keys of the values that move together.
     powers : tuple of float
-        The product of the values to these powers is what is determined; empty for a single value.
+        Exponents of the product of values that the data determine; empty for a single value.
     """
 
     keys: tuple[str, ...]

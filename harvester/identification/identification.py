@@ -236,7 +236,7 @@ class Identification(ResultBase):
         return "conditional" if key in self.dependent else "identified"
 
     def _findings(self) -> list[str]:
-        """What is to be done, what is not determined, and what supports the verdict."""
+        """Remedies, undetermined values, and the evidence for the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
             lines += self.impedance.findings(MASS in self.keys)
@@ -338,7 +338,7 @@ class Identification(ResultBase):
         )
 
     def scene_text(self, rival: Rival | None = None) -> str:
-        """The scene as a TOML file with intervals in comments; that of another model on demand.
+        """The scene of the model, or of another one, as a TOML file with intervals in comments.
 
         Its head has the verdict, the table and the findings.
         """

@@ -43,17 +43,17 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.validation_record import ValidationRecord
 
-# Number of likely sets of values, beside the best, and most that are drawn for them.
+# Number of likely sets of values, in addition to the best, and largest number of draws for them.
 DRAWS, MOST_DRAWN = 8, 80
 # First share of a record that is left out: a run forgets its start in it.
 FORGOTTEN = 1.0 / 3.0
 # An orbit goes between the wells if more than this share of the windows crosses a barrier; one
 # window in ten may begin in the wrong well.
 CROSSING = 0.1
-# The base is a sine if this share of its power lies within so many lines of its strongest line.
+# The base moves as a sine if this share of its power lies within that number of lines of the peak.
 SINE, SINE_LINES = 0.9, 3
-# A record is of the fitted device if what is left of it in windows, beyond noise, is at most this
-# multiple of what is left of the worst fitted record, or this share of its rms. Records of a
+# A record belongs to the fitted device if its residuals in windows, beyond noise, are at most this
+# multiple of the worst fitted record's, or this share of its rms. Records of a
 # measured beam with another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 # The visited frequencies lie between these shares of the base's cumulative power.
@@ -250,7 +250,7 @@ def kept_aside(
     visited : Visited
         Ranges that the fitted records visited.
     records : sequence of ValidationRecord
-        What the fit leaves of its own records.
+        Residuals of the fitted records.
     seed : int
         Seed of the values that are drawn.
     report : callable, optional
@@ -352,7 +352,7 @@ def _of_record(fitted, measurement, visited, values, model_error, limit):
 
 
 def _with_own(fitted, measurement, visited, values, noise, limit):
-    """Likely values with those of the record's own, the latter alone, and where the mass may be."""
+    """Likely values with the record's, the record's alone, and the range of the mass."""
     ends = np.array(visited.displacement) / fitted.shooting.responses.length
     # A record may lie in the other well: starts are tried on both sides.
     farthest = (1.0 + BEYOND) * float(np.abs(ends).max())
@@ -372,7 +372,7 @@ def _with_own(fitted, measurement, visited, values, noise, limit):
 
 
 def _settled(shooting, values, noise, reach):
-    """The record followed in windows: those of one well, if they fit about as well as any.
+    """The record followed in windows: within one well, if these fit about as well as any.
 
     A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in both.
     """
@@ -450,7 +450,7 @@ def _orbit(x, saddles, edges, period):
 
 
 def _with_error(estimate, drawn, model_error):
-    """An estimate with the errors of the values and of the model beside its own."""
+    """An estimate with the errors of the values and of the model in addition to its error."""
     others = np.array(drawn) - drawn[0]
     error = math.sqrt(
         estimate.standard_error**2

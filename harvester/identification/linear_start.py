@@ -6,8 +6,8 @@ Multiscale Model. Simul. 19, 1474 (2021)):
 
     s ∫φ'' z = ∫φ [η − s c w − s² C2 |w| w − Σ kₙ sⁿ zⁿ − contacts − T],   x = s z, x' = s w.
 
-What is not linear (the scale s of a motion known from its voltage, the electrical rate, a gap) is
-looked for on a grid.
+The nonlinear unknowns (the scale s of a motion derived from its voltage, the electrical rate, a
+gap) are searched on a grid.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ TABLE_DEGREE = 5
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
-# Origins to try, in rms values of the motion: that of a motion within one well lies far off.
+# Origins to try, in rms values of the motion: a motion within one well is far from the origin.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
 # Smallest damping ratio of a start.
@@ -457,7 +457,7 @@ class _Regression:
 
 
 def _powers(oscillator):
-    """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
+    """(F0, k1, …) in the scene's units; of a table the coefficients of a polynomial near it."""
     if oscillator.force_table is None:
         return [k or 0.0 for k in oscillator.coefficients]
     displacement, force = np.array(oscillator.force_table).T
@@ -466,7 +466,7 @@ def _powers(oscillator):
 
 
 def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
-    """Coefficients of F(x − distance) from those of F(x)."""
+    """Coefficients of F(x − distance) from the coefficients of F(x)."""
     moved = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-distance, 1.0]))
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 

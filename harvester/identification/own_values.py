@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
 
-# First values, as shares of what counts as a change of order one, beside the scene's own.
+# First values to try besides the scene's, as shares of a change of order one.
 FIRST_SHARES = (0.0, 0.1, -0.1, 0.2, -0.2)
 # Two minima are the same if no value differs by more than this share of its size.
 SAME = 0.02

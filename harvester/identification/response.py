@@ -92,7 +92,7 @@ class Experiment:
         return self.measurement.acceleration.size
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral of a column, at so many places between samples."""
+        """First and second integral of a column, at a number of positions between samples."""
         cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
         if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
@@ -486,7 +486,7 @@ class Responses:
 
 
 def _delayed(values, samples):
-    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
+    """A series delayed by some samples, by a cubic spline; extrapolated linearly at the ends."""
     if samples == 0.0:
         return values
     from scipy.interpolate import CubicSpline

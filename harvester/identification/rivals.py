@@ -43,8 +43,9 @@ DRAG = "oscillator.quadratic_damping"
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
-# A part is fitted if it promises to lower the cost by this share, at most so many are, and none
-# after one that leaves only noise if it promises less than this share of the most promising.
+# A part is fitted if it promises to lower the cost by this share; at most this number of parts is,
+# and none after one that leaves only noise if it promises less than this share of the most
+# promising.
 PROMISING, MOST_FITTED, NEARLY_AS_MUCH = 0.02, 6, 0.5
 # Shares of the regression's step from which the lowest cost is taken.
 STEPS = (1.0, 0.3, 0.1, 0.03)
@@ -58,7 +59,7 @@ LOAD_STEP, LARGEST_LOAD_STEP, LOAD_STEPS, LOAD_SETTLED = 1e-4, 1.0, 8, 2e-3
 # under three sines. Cubic models of softening springs under three sines, with errors of 0.02, 0.05,
 # 0.05 and 0.16, had 0.06, 0.16, 1.2 and 0.38.
 UNCERTAIN = 0.1
-# A mean is an offset beyond so many standard errors and this share of the channel's deviation.
+# A mean is an offset if it exceeds this number of standard errors and share of the deviation.
 OFFSET_ERRORS, LEAST_OFFSET = 3.0, 0.01
 
 
@@ -72,7 +73,7 @@ class Rival(NamedTuple):
     fitted : Fitted or None
         None where it was not tried.
     better : float
-        Logarithm of the mean square error on what was kept aside over that of the scene's model,
+        Logarithm of the mean square error on the validation data over the scene's model's,
         on average over blocks; negative: better.
     error : float
         Standard error of that.
@@ -101,7 +102,7 @@ class Rival(NamedTuple):
 
 
 class NextPower(NamedTuple):
-    """The scene's own model beside one with the spring's next power, to first order about the fit.
+    """The scene's model compared with one with the spring's next power, to first order.
 
     Attributes
     ----------
@@ -202,7 +203,7 @@ def _tried(name, base, scene, measurements, keys, sizes, warm):
 
 
 def _compared(name, base, other):
-    """A fitted model beside the scene's own, by the ratio of their mean square errors in blocks.
+    """A fitted model compared with the scene's, by the ratio of their mean square errors in blocks.
 
     All outputs count, each in units of the own model's rms residual.
     """
@@ -260,7 +261,7 @@ def _degree(force):
 
 
 def _spring_keys(keys, left_out=()):
-    """Keys with a spring's values as coefficients, without those of some powers."""
+    """Keys with a spring's values as coefficients, without some powers."""
     keys = [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
     return [key for key in keys if key not in {FORCE.format(n) for n in left_out}]
 
@@ -518,7 +519,7 @@ def _with_load(base, part, measurements, sizes, step):
 
 
 def next_power(base: Fitted, sizes: dict[str, float]) -> NextPower | None:
-    """The model beside one with the spring's next power; None if there is none.
+    """The model compared with one with the spring's next power; None if there is none.
 
     A few sines of nearly one amplitude show the force at that amplitude, which many springs have:
     the values' errors with the next power free say whether the records could exclude it.

@@ -25,7 +25,7 @@ from harvester.records.time_base import SPLINE_DEGREE
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
 # Values at which a sensor's effect vanishes (0 of an offset, 1 of a scale). A high-pass is given by
-# its corner (Hz), of first order, or of second (Butterworth's); the resistance (Ω) is that of the
+# its corner (Hz), of first order, or of second (Butterworth's); the resistance (Ω) belongs to the
 # input, in parallel with the load.
 HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
 OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
@@ -209,7 +209,7 @@ def without_memory(
     Parameters
     ----------
     shown : ndarray, shape (n,)
-        Simulated, behind the filters, from any states of them.
+        Simulated output after the filters, from any states of them.
     seen : ndarray, shape (n,)
         Measured.
     edges : ndarray of int, shape (windows + 1,)

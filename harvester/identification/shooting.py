@@ -1,4 +1,4 @@
-"""Multiple shooting: windows with starts of their own, as long as errors stay small in them.
+"""Multiple shooting: windows with separate starts, as long as errors stay small in them.
 
 Bock, in Modelling of Chemical Reaction Systems (1981), and for records of chaotic motion Baake et
 al., Phys. Rev. A 45, 5524 (1992). The least-squares problem has the unknowns of the device, and
@@ -266,7 +266,7 @@ class Shooting:
         return np.linalg.inv(block)
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
-        """The fit at the minimum of its cost, its windows as they are.
+        """The fit at the minimum of its cost, its windows unchanged.
 
         Parameters
         ----------
@@ -365,7 +365,7 @@ def settled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts at the minimum of each window's own cost, and those costs.
 
-    Windows whose starts are NaN stay as they are.
+    Windows whose starts are NaN stay unchanged.
     """
     sizes, lengths = shooting.state_sizes[number], np.diff(fit.edges[number])
     residuals, costs = weighted_residuals(shooting, number, fit, starts)

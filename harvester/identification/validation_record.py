@@ -1,11 +1,11 @@
 """Validation records: data that no fit used, what a model predicts of them, and what it leaves.
 
-What is left is compared with the sensors' noise by its size and by a regression. The noise of each
-output is added to the simulated one, and that of the base's sensor to what drives the model: this
-simulates the residuals that a right model would leave, in the same windows. Their spectrum weights
-the measured residuals, which are then regressed on signals that a wrong model would leave, made of
-the measured acceleration and the simulated output. Of a right model the regression explains no more
-than chance.
+The residuals are compared with the sensors' noise by their size and by a regression. The noise of
+each output is added to the simulated output, and the base sensor's noise to the model's excitation:
+this simulates the residuals that a right model would leave, in the same windows. Their spectrum
+weights the measured residuals, which are then regressed on signals that a wrong model would leave,
+made of the measured acceleration and the simulated output. Of a right model the regression explains
+no more than chance.
 """
 
 from __future__ import annotations
@@ -163,8 +163,8 @@ class ValidationRecord:
     def powers(self) -> tuple[Estimate, Estimate, Estimate]:
         """Mean power (or square of an output) measured and predicted, and the relative difference.
 
-        Predicted in windows, along the measured path. Errors are those of means of blocks; that of
-        the difference of paired blocks.
+        Predicted in windows, along the measured path. Errors come from means of blocks; the error
+        of the difference of paired blocks.
         """
         measured, predicted = (
             block_means(self._compared_values(values)) for values in (self.measured, self.windowed)
@@ -175,7 +175,7 @@ class ValidationRecord:
     def explained(self) -> Estimate:
         """Share of the first output's variance that the model explains, in windows.
 
-        Its error is that of means of blocks. A model of nothing explains 0 within it, or less.
+        Its error comes from means of blocks. A model without content explains 0 within it, or less.
         """
         return self._explained(self.measured[:, :1] - np.mean(self.measured[:, 0]), 1)
 
@@ -241,7 +241,7 @@ class ResponseRecord(ValidationRecord):
     compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
 
     def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the residuals over that of the response, both parts together."""
+        """Root mean square of the residuals over the response's, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
     def noise(self, output: int = 0) -> float:
@@ -309,7 +309,8 @@ class WholeRecord(ValidationRecord):
     predicted_rms, predicted_power : Estimate
         Of the run, with the values' error and that which the fitted records show.
     own : dict of str to Estimate
-        Values found in this record, with its residuals' error and that of the others.
+        Values estimated from this record, with the errors from its residuals and from the other
+        values.
     """
 
     outside: str
@@ -426,7 +427,7 @@ def predicted(
     Parameters
     ----------
     parts : sequence of (int, int)
-        First sample, and that behind the last.
+        First sample and end of each part.
     reach : (float, float), optional
         Scaled displacements between which the mass is looked for.
 
@@ -542,7 +543,7 @@ class Whiteness:
 
 
 def _whiteness(residuals, per_period):
-    """Autocorrelation of residuals over a period of so many samples."""
+    """Autocorrelation of residuals at a lag of one period, in samples."""
     from scipy.stats import chi2
 
     values = residuals - residuals.mean()
@@ -556,7 +557,7 @@ def _whiteness(residuals, per_period):
 
 
 def validated(fitted: Fitted) -> list[ValidationRecord]:
-    """A fit's validation records with what is left of each output."""
+    """A fit's validation records with the residuals of each output."""
     in_time = len(fitted.settled.edges) if fitted.settled else 0
     judged = [
         replace(record, unexplained=tuple(_unexplained(fitted, number)))
@@ -566,7 +567,7 @@ def validated(fitted: Fitted) -> list[ValidationRecord]:
 
 
 def _unexplained(fitted, number):
-    """What is left of one record, the fitted starts of the windows projected out of it."""
+    """Residuals of one record, with the fitted starts of the windows projected out."""
     shooting, fit = fitted.shooting.frozen(), fitted.settled
     measurement = shooting.responses.experiments[number].measurement
     edges, noise = fit.edges[number], fit.noise[number]

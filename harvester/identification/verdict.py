@@ -14,7 +14,7 @@ The first line that applies gives the verdict; `RULES` has them in this order.
 | a further term of the spring would leave its values uncertain | fits | larger motions |
 | none of these | predicts | use it within what was visited |
 
-"What is left" is what a record's prediction leaves of the data that no fit used. It is noise if its
+The residual of a record is its validation data less the prediction. It is noise if its
 size is at most `TOO_LARGE` times what a right model leaves, and its regression on the motion has
 found nothing (`validation_record`). Records are judged one by one: none excuses another.
 """
@@ -46,11 +46,11 @@ class FitEvidence:
     Attributes
     ----------
     records : sequence of ValidationRecord
-        Of the fitted measurements, with what is left of them.
+        Validation records of the fitted measurements, with their residuals.
     rivals : sequence of Rival
         The scene's own model first.
     spring : NextPower or None
-        The model beside one with the spring's next power.
+        The model compared with one with the spring's next power.
     errors : dict of str to float
         Relative standard error of each fitted value.
     assumptions : sequence of Assumption
@@ -71,7 +71,7 @@ class FitEvidence:
 
     @property
     def left(self) -> str:
-        """Text: what is left of the worst record, and what noise would leave."""
+        """Text: the residual of the worst record, and the residual of noise alone."""
         part = self.worst.worst
         return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
 
@@ -208,7 +208,7 @@ RULES = (
         _nothing,
         "nothing",
         "measure with a stronger excitation; check that the columns belong together, the voltage's "
-        "polarity (sensor.voltage_scale=-1 behind the file) and the units of a phase",
+        "polarity (sensor.voltage_scale=-1 after the file) and the units of a phase",
     ),
     Rule(_better_rival, "wrong", "look at the proposed scene, where the rival is written"),
     Rule(_unexplained, "incomplete", "look for a part or a sensor that the scene lacks"),
@@ -218,7 +218,7 @@ RULES = (
     Rule(
         _not_followed,
         "incomplete",
-        "it has another tilt, load or sensor: what is unknown of a record alone is freed behind "
+        "it has another tilt, load or sensor: values that differ for one record are freed after "
         "its file, such as oscillator.restoring_force[0]=free",
     ),
     Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
@@ -232,8 +232,8 @@ OPENINGS = {
     "predicts": "the model predicts {left}",
 }
 # A fitted value depends on a known one whose error, as far as the records leave it open, moves it
-# by more than this share of its own: below, an error that is not yet `CERTAIN` moves it by two of
-# its own.
+# by more than this share of its error: below, an error that is not yet `CERTAIN` moves it by two
+# standard errors.
 DEPENDS = 0.5
 # Records tell a known value if its relative standard error, were it free, is below this: a right
 # set whose gain is open by 88 % asked for five of its standard errors, which is no change to first
@@ -255,7 +255,7 @@ def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
 
 
 def _label(evidence, assumption):
-    """Name of an assumed value, with its records unless it is that of all."""
+    """Name of an assumed value, with its records unless it holds for all."""
     if len(assumption.records) == len(evidence.records):
         return assumption.key
     return f"{assumption.key} of {', '.join(assumption.records)}"

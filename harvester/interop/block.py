@@ -256,7 +256,7 @@ Nharvester p 0 base x {name}
 
 
 def _vibration_file(block, dialect):
-    """ngspice reads no points of a PWL source from a file of their own, so it gets the source."""
+    """ngspice reads no PWL points from a file, so the file holds the source."""
     points = [f"{float(time)!r} {float(value)!r}" for time, value in block.vibration]
     if dialect != "ngspice":
         return {f"{block.name}_vibration.txt": "\n".join(points) + "\n"}

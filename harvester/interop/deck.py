@@ -27,7 +27,7 @@ def write_deck(
     step: str | float = "default",
     realization: int = 0,
 ) -> list[Path]:
-    """Write a stand-alone .cir with load and noise; for LTspice the noise in a second file.
+    """Write a self-contained .cir with load and noise; for LTspice the noise in a second file.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The device as C: its equations written from its parts' formulas, beside a stepper that is fixed.
+"""The device as C: equations generated from its parts' formulas, and a fixed stepper.
 
 `sources/` holds the stepper, `harvester_device.c`, and what an FMU adds. It is compiled together
 with `equations.h`, which holds one device's numbers and forces in SI.

@@ -46,9 +46,9 @@ def write(
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Called with notes on what is written, in a line each.
+        Called with notes on the files, each of one line.
     **options
-        Options of the format; None stands for the format's default.
+        Options of the format; None means the format's default.
 
     Returns
     -------

@@ -7,7 +7,7 @@ PLACES = {"base": ("left", 1), "x": ("left", -1), "p": ("right", 1), "n": ("righ
 
 
 def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
-    """A symbol whose netlist line calls the sub-circuit of the library beside it.
+    """A symbol whose netlist line calls the sub-circuit of a library in the same folder.
 
     Parameters
     ----------

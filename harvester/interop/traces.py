@@ -35,7 +35,7 @@ BLOCK = 10_000
 MOST_SAMPLES = 20_000_000
 # Most bytes of a sample on disk: time and two values in Shepherd's file; a line of text.
 BYTES = {"shepherd": 16, "csv": 36}
-# Load resistances that stand for open and shorted terminals, in matched resistances.
+# Load resistances that represent open and shorted terminals, in matched resistances.
 OPEN, SHORTED = 1e6, 1e-4
 # Loads, in multiples of the trace's own, at which a live device is compared with its replay.
 OTHER_LOADS = (1.0 / 3.0, 3.0)
@@ -116,7 +116,7 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
         with_range_watch(setup, [[terminals]]),
         [output] if output else None,
     )
-    # Without a resistor across the output, the trace is that of the terminals.
+    # Without a resistor across the output, the trace is recorded at the terminals.
     time, voltage, power = terminals.points()
     if output and output.conductance > 0.0:
         time, voltage, power = output.points()
@@ -202,7 +202,7 @@ def write_csv(
     realization : int
         Whose excitation.
     report : callable
-        Told beforehand how large the file will be, and afterwards what a replay loses.
+        Called with the expected file size before, and the loss by replay afterwards.
 
     Raises
     ------

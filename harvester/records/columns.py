@@ -72,7 +72,7 @@ class MeasuredFile:
         names = self.table.names
         quantities = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [heading(*pair) for pair in zip(names, quantities, strict=True)]
-        # A unit in a row of its own takes precedence over one in the heading.
+        # A unit in a separate row takes precedence over one in the heading.
         for index, unit in enumerate(self.table.units):
             if unit:
                 title, _, quantity = self.headings[index]
@@ -196,9 +196,9 @@ class MeasuredFile:
     ) -> str:
         """Unit of a column in its usual spelling, by its heading or as stated, which must agree.
 
-        `scaled`: the scene is, and so are the columns: they have no units ("") but those of time,
-        frequency and phase. `raw`: a scale is given: the heading's unit is that of the raw column
-        and the stated one that of the scaled values. `hint`: for messages.
+        `scaled`: scene and columns are scaled: without units ("") except of time,
+        frequency and phase. `raw`: a scale is given: the heading's unit belongs to the raw column
+        and the stated unit to the scaled values. `hint`: for messages.
         "" for a time without a unit. Raises SceneError.
         """
         key, written = self.setting("unit", quantity), self.headings[index].unit
@@ -255,8 +255,8 @@ class MeasuredFile:
         column is read if it is stated, if there is no rate, or `always`. A stated column goes
         before the rate of the file.
 
-        `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of columns
-        that are to be read in the same pass. Raises SceneError.
+        `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of other
+        columns that are to be read in the same pass. Raises SceneError.
         """
         key, file_rate = self.setting("sampling_rate", ""), self.table.rate
         name = key.partition("=")[0]

@@ -37,7 +37,7 @@ def read(content: bytes) -> Table:
     """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
-    number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
+    number named `fs`, `dt` or the like. Packed numbers and gaps follow the CF conventions
     (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_range`).
 
     `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
@@ -128,7 +128,7 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise Unreadable(f"{where} is a link to another file: copy its data into this one")
-            # Only hard links are followed: a soft link leads to an object with a path of its own,
+            # Only hard links are followed: a soft link leads to an object with another path,
             # or out of the file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue

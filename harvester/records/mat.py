@@ -37,7 +37,7 @@ HEADER_BYTES, HEAD_BYTES = 128, 64
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; names are those of the variables, `data.y` for a field of a structure.
+    """Samples by columns, named as the variables; `data.y` for a field of a structure.
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
 
@@ -125,7 +125,7 @@ def _elements(data, order):
     offset = 0
     while offset + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, offset)
-        # An element of up to four bytes stands within its tag.
+        # An element of up to four bytes is stored within its tag.
         if kind >> 16:
             kind, size, start, offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
         else:

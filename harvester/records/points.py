@@ -30,7 +30,7 @@ def read_points(
 ) -> tuple[np.ndarray, list[str]]:
     """Points of shape (n, 2) as the file has them, and their units; "" where no heading says one.
 
-    `noun`: kind of file, for messages. `quantities`: those of the two columns. `stated`: units
+    `noun`: kind of file, for messages. `quantities`: quantities of the two columns. `stated`: units
     that a heading must not contradict. `scaled`: whether the points are of a scaled scene, which
     take no units. Raises SceneError if the file cannot be read, a line of it holds no two numbers,
     or a heading names other quantities or a wrong unit.

@@ -202,14 +202,14 @@ TITLES = {
     "resistance": re.compile(r"(series )?resistance|(z re(al)?|re(al)? z)( part)?|z'"),
     "reactance": re.compile(r"(series )?reactance|(z im(ag(inary)?)?|im(ag(inary)?)? z)|z''|z\""),
 }
-# Letters that name a quantity only where its unit stands behind them.
+# Letters that name a quantity only if its unit follows.
 LETTERS = {
     "acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis"),
     "impedance": re.compile(r"z|mag(nitude)?|modulus"),
     "resistance": re.compile(r"rs?"),
     "reactance": re.compile(r"xs?"),
 }
-# A name, and a text in brackets behind it.
+# A name, followed by a text in brackets.
 BRACKET = re.compile(r"(.*?)(?:\[([^\[\]]*)\]|\{([^{}]*)\}|\(((?:[^()]|\([^()]*\))*)\))\s*")
 # A text in brackets behind a name that gives a place or a channel.
 LABEL = re.compile(
@@ -258,7 +258,7 @@ def heading(text: str, expected: str = "") -> Heading:
 
 
 def _bracketed(text):
-    """A text before a bracket at its end, and what is within; None without a bracket."""
+    """Text before a bracket at the end, and text within it; None without a bracket."""
     match = BRACKET.fullmatch(text.strip())
     return (match[1].strip(), match[match.lastindex or 0].strip()) if match else (text, None)
 
@@ -266,12 +266,12 @@ def _bracketed(text):
 def quantity_of(title: str, unit: str) -> str:
     """The quantity that a title names, empty where it names none.
 
-    Letters such as "a" name an acceleration only beside one of its units.
+    Letters such as "a" name an acceleration only with one of its units.
     """
-    # A place or a channel in brackets behind the title is left out.
+    # A position or a channel in brackets after the title is ignored.
     before, within = _bracketed(title)
     bare = before if LABEL.fullmatch(within or "") else title
-    # The quantity may stand behind the names of groups and structures: "data.time", "run
+    # The quantity may follow the names of groups and structures: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
         words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())

@@ -17,7 +17,7 @@ FEWEST_SAMPLES = 64
 # Largest share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
 # A sample is an outlier if its distance from the median exceeds the largest distance of all other
-# samples by this factor. A shock's samples differ; those of a marker are equal, or it is
+# samples by this factor. A shock's samples differ; the samples of a marker are equal, or it is
 # one sample alone.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
 # The middle half of the samples shows where the centre is and how far the rest reaches.
@@ -77,7 +77,7 @@ def marker_remark(values: np.ndarray) -> str:
 
 
 def outliers(values: np.ndarray) -> np.ndarray:
-    """Where a few equal samples, or a single one, stand far outside all others: bool (n,)."""
+    """Samples that are markers: a few equal ones, or one, far outside all others: bool (n,)."""
     far = np.zeros(values.size, dtype=bool)
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < FEWEST_SAMPLES:

@@ -34,7 +34,7 @@ def broken_file(
 ) -> Iterator[None]:
     """Within the block, turn any exception of a library's parser into `Unreadable`.
 
-    Those of the classes in `others` are passed on. Raises Unreadable.
+    Exceptions of the classes in `others` are passed on. Raises Unreadable.
     """
     try:
         with warnings.catch_warnings():
@@ -120,7 +120,7 @@ def table_of(
                 for k in indices
             ]
 
-    # Beside complex columns, a column such as that of frequencies has no imaginary part.
+    # In a file with complex columns, a column such as the frequency has no imaginary part.
     complexes = [k for k, c in enumerate(columns) if np.iscomplexobj(c) and c.imag.any()]
     return Table(names, len(columns[0]) if columns else 0, take, units, complexes=complexes)
 
@@ -163,7 +163,7 @@ def table_of_longest(
 def rate_of(numbers: Mapping[str, float]) -> float | None:
     """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
 
-    `numbers`: single numbers by their names, also behind those of groups or structures. Raises
+    `numbers`: single numbers by their names, also after names of groups or structures. Raises
     Unreadable if two of them say different rates.
     """
     last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}

@@ -25,7 +25,7 @@ COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")
 # Longest line in characters. A line holds one sample of every column.
 LONGEST_LINE = 1_000_000
-# The form is that of most of the last lines. A footer makes up less than half of them.
+# The form follows the majority of the last lines. A footer makes up less than half of them.
 LINES_SEEN, BYTES_SEEN = 41, 200_000
 HEADER_LINES = 50
 NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
@@ -34,7 +34,7 @@ NUMBER, STAMP, COMPLEX, TEXT = "number", "stamp", "complex", "text"
 COMPLEX_NUMBER = re.compile(
     r"\(?\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([+-])\s*([\d.]+(?:[eE][+-]?\d+)?)\s*\*?[ij]\s*\)?"
 )
-# A quoted field, a unit in brackets, or a word with a unit in brackets behind it.
+# A quoted field, a unit in brackets, or a word followed by a unit in brackets.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
 # In a row of units, loggers write this for a column without a unit.
 NO_UNIT = ("", "-", "ts", "rn")
@@ -74,7 +74,7 @@ def read(content: bytes) -> Table:
     """Columns separated by commas, semicolons, tabs or blanks, with or without a header.
 
     Numbers may be quoted, and have decimal commas where another sign separates them. The last line
-    may be cut short, and a footer may follow the samples. The names are those of the header, or of
+    may be cut short, and a footer may follow the samples. The names come from the header, or from
     the comment above the first line, and may have a row of units below them. Time stamps are
     seconds after the first.
 
@@ -144,7 +144,7 @@ def _marks(content, form, samples, indices):
         asked = {*indices} & {*numbers} if b"." in content else ()
         columns = ((fields[k] for fields in samples()) for k in asked)
         shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
-        # Points may stand between thousands: 1.286 beside 742.
+        # Points may separate thousands: 1.286 next to 742.
         if not any({".?", "mid"} <= {*seen} for seen in shapes):
             return {}
     rows = ([fields[k] for k in numbers] for fields in samples())
@@ -332,7 +332,7 @@ def _refuse_unquoted_commas(above, form):
         if len(form.kinds) == 2 * len(names) and any(heading(name).quantity for name in names):
             raise ValueError(
                 f"its header has {len(names)} names and its lines {len(form.kinds)} columns: "
-                "decimal commas cannot be told from commas between columns: save it with "
+                "decimal commas cannot be distinguished from commas between columns: save it with "
                 "semicolons between them"
             )
 

@@ -20,8 +20,8 @@ from harvester.records.samples import LARGEST_MENDED_SHARE, refuse_short
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
 # Largest deviation of a time from an even grid, in spacings.
 LARGEST_JITTER = 0.1
-# Rounded stamps have two lengths of steps, to this share of their difference, each so many times:
-# a single long step is a sample that is missing.
+# Rounded stamps have two lengths of steps, to this share of their difference, each at least this
+# often: a single long step is a sample that is missing.
 TWO_LENGTHS, FEWEST_STEPS = 0.01, 3
 # Largest relative error of a rate that rounded stamps give.
 RATE_ERROR = 1e-3

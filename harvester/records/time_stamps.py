@@ -64,7 +64,7 @@ class StampReader:
         """Seconds since the first midnight."""
         if self._date not in (None, date):
             raise ValueError(
-                f"its dates change ({self._date}, {date}), and in which order day and month stand "
+                f"its dates change ({self._date}, {date}), and the order of day and month "
                 "is not known: write them after ISO 8601 (2026-03-01T12:00:00.005), or seconds"
             )
         if not date and self._clock - clock > 0.5 * DAY:

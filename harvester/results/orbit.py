@@ -33,7 +33,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Attractor:
-    """One steady motion among those of a run's starts, in the scene's units.
+    """One steady motion that some starts of a run reach, in the scene's units.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Attractor:
     quantities
         Of a periodic motion power, voltage and displacement over whole cycles of the start
         that converged best, and the others of its starts that had settled before the measurement;
-        else means of its starts alone. Empty for what is no steady motion.
+        else means of its starts alone. Empty if the motion is not steady.
     points
         Displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
     lyapunov
@@ -81,7 +81,7 @@ class Attractor:
         return "chaotic" if self.lyapunov.chaotic else NOT_SETTLED
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
-        """Plain values for JSON; `unit` gives that of a dimension."""
+        """Plain values for JSON; `unit` returns the unit of a dimension."""
         quantities = {
             name: estimate.to_dict(unit(estimate.dimension))
             for name, estimate in self.quantities.items()

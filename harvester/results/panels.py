@@ -50,7 +50,7 @@ class Series:
     width : float or None
         Width of a line; None: the style's own.
     shift : float
-        Points of print to the right, so that marks at the same place stand side by side.
+        Points of print to the right, so that marks at the same position are side by side.
     """
 
     x: Any
@@ -79,7 +79,7 @@ class Panel:
     from_zero : bool
         Whether the y axis begins at 0.
     more : callable or None
-        Given the axes, draws what is no series.
+        Draws everything else into the given axes.
     """
 
     x_label: str
@@ -138,7 +138,7 @@ def draw_panels(
 
 
 def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """One legend for all panels; a label that several have stands once."""
+    """One legend for all panels; a label that several have is shown once."""
     legend: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
@@ -178,7 +178,7 @@ def thin_ticks(axes: Axes) -> None:
 
 
 def _tick(value):
-    """A number as it stands where that is short, else with a power of ten."""
+    """A number as text: in plain form if that is short, else with a power of ten."""
     if PLAIN[0] <= value < PLAIN[1]:
         return f"{value:g}"
     first, _, power = f"{value:.0e}".partition("e")

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import Dataset
 
-# The steps' error of a difference of powers is printed from this multiple of that of powers on.
+# The step error of a difference of powers is printed if it exceeds this multiple of the powers'
+# own.
 LARGER_ERROR = 1.5
 # Why a value has an error of 0.
 CONSTANT = "constant in the run: the load or the scene fixes it"
@@ -301,7 +302,7 @@ class Result(ResultBase):
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: quantity, unit, value with error bar, effective samples.
 
-        Behind mean squares stand their roots, behind what has no error bar the reason.
+        Mean squares are followed by their roots, values without an error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
         header = ["quantity", "unit"]
@@ -393,7 +394,7 @@ class Result(ResultBase):
         return self.stroboscope[:, :, :2] * units
 
     def evidence(self) -> list[str]:
-        """Sentences on the runs and methods behind the numbers."""
+        """Sentences on the runs and methods that gave the numbers."""
         sentences = [self.engine_version]
         if self.simulated_time > 0.0:
             sentences.append(
@@ -425,7 +426,7 @@ def _why_bare(estimate):
 
 
 def _add_density(variables, name, axes, density, scale, unit):
-    """Add a density along its axes, and its error; `scale` and `unit` are those of its area."""
+    """Add a density along its axes, and its error; `scale` and `unit` refer to its area."""
     inverse = {"unit": f"1/({unit})"}
     variables[f"{name}_density"] = (axes, density.density / scale, inverse)
     if density.standard_error is not None:
@@ -473,6 +474,6 @@ def _result_of(kind, content, folder):
 
 
 def _check_size(value, where):
-    """Check a size: NaN and None stand for one that is not known."""
+    """Check a size: NaN and None mean an unknown one."""
     if value is not None and value < 0.0:
         raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")

@@ -43,7 +43,7 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
         block = RichTable(box=box.SIMPLE_HEAD)
         spare = width - MARGIN - sum(widths[k] + GAP for k in columns)
         for k in columns:
-            # What is left of the line is for headings that need several lines.
+            # The remaining width is for headings that need several lines.
             wider = max(0, min(spare, len(header[k]) - widths[k]))
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)

@@ -91,13 +91,13 @@ class View:
     records : callable or None
         Returns the Table of all numbers, one record a row, where `table` shows a selection.
     is_series : bool
-        Whether a data frame has the records, as they are a curve that the table sums up.
+        Whether a data frame has the records, because they are a curve that the table summarizes.
     dataset : callable or None
         Returns the xarray Dataset on the result's own axes.
     texts : callable or None
         Returns other files of the result: the ending of each file's name, with its text.
     page : callable or None
-        Returns the result's page of HTML, where that has sections of its own.
+        Returns the result's HTML page, if that has special sections.
     methods : mapping of str to Result
         Results whose densities a terminal sketches, by the name of their method.
     """
@@ -180,7 +180,7 @@ class ResultBase(ABC):
         return self.view().data()
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`; an empty cell stands for a number that is not known.
+        """Write the rows of `data`; unknown numbers are empty cells.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class ResultBase(ABC):
     def to_dataframe(self) -> DataFrame:
         """The rows of `table` as a pandas DataFrame, or the points of a curve that it sums up.
 
-        A number's error has a column of its own.
+        A number's error has a separate column.
 
         Raises
         ------
@@ -247,7 +247,7 @@ class ResultBase(ABC):
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
-    """A table for people as one of values: a number's error gets a column of its own."""
+    """Convert a table for people to values: a number's error gets a separate column."""
     columns: dict[str, list[Any]] = {}
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def device_line(scene: Scene) -> tuple[str, ...]:
     """One line on an SI scene's device at its stiffest rest position; none of other scenes.
 
-    Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
+    Frequency and quality factor belong to mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
     if scene.units != "SI" or scene.excitation.prescribes_displacement:

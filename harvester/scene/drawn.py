@@ -1,4 +1,4 @@
-"""A scene's drawing, [beam] and [magnets], as the lumped tables that stand for it."""
+"""A scene's drawing, [beam] and [magnets], as the equivalent lumped tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """
     if "beam" not in tables:
         if "magnets" in tables:
-            raise SceneError(f"{origin}: [magnets] stand at a beam's tip and need the table [beam]")
+            raise SceneError(f"{origin}: [magnets] act on a beam's tip: add the table [beam]")
         return tables
     if tables.get("units") != SI:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')

@@ -43,7 +43,7 @@ def read_points_of(tables: dict[str, Any], origin: str) -> None:
 
 
 def _points(file, key, unit, scaled):
-    """The points of a file in SI units, and `unit` where a heading says that of densities."""
+    """The points of a file in SI units, and `unit` if a heading gives the unit of densities."""
     noun, quantities = TABLES[key]
     stated = (None, unit if key == "breakpoints" and unit != "scaled" else None)
     points, units = read_points(file, noun, quantities, stated, scaled)

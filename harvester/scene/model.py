@@ -1,4 +1,4 @@
-"""Scenes: what is simulated, read from TOML and checked before anything runs."""
+"""Scenes: the input of a simulation, read from TOML and checked before anything runs."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ class Scene(Table):
         return self.from_tables(new, name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
-        """Nested dictionaries of the TOML file's form, without what is left out."""
+        """Nested dictionaries of the TOML file's form, without omitted keys."""
         return self._tables("sha256")
 
     def _tables(self, *without):
@@ -361,7 +361,7 @@ def _with_circuit(load, folders, units, origin, changed):
 
 
 def _plain(part, without):
-    """A table as plain values, without some fields and what is computed or left out."""
+    """A table as plain values, without some fields and computed or omitted ones."""
     values, left_out = {}, {"circuit", *computed(part), *without}
     for entry in dataclasses.fields(part):
         name, value = entry.name, getattr(part, entry.name)

@@ -19,7 +19,7 @@ NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
-    """The numbers of a scene's device, load and excitation, without those of its run.
+    """The numbers of a scene's device, load and excitation, without the run's.
 
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.

@@ -87,7 +87,7 @@ def _check_spring(oscillator, origin):
     smooth = oscillator.force_interpolation == "smooth"
     if not smooth and len(points) > MOST_PIECES + 1:
         raise SceneError(
-            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are taken as they are; "
+            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are used unsmoothed; "
             'set oscillator.force_interpolation = "smooth", or leave points out'
         )
     if smooth and len(points) <= POINTS_PER_PIECE:
@@ -175,7 +175,7 @@ def _check_bounded(oscillator, stoppers, origin):
         raise SceneError(
             f"{origin}: oscillator.{value} leaves the motion unbounded on the {side}: the "
             "highest power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short "
-            f"form), a stopper with a greater exponent must stand on the {side}, or "
+            f"form), a stopper with a greater exponent must be on the {side}, or "
             "oscillator.restoring_force_range must say between which displacements it is meant"
         )
 

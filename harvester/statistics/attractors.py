@@ -47,7 +47,7 @@ LONGEST_IN_NOISE, CORRELATED = 6, 0.95
 # Motions without a period are compared on a grid of cells over the section, with CELLS √samples
 # cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
 # starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
-# or beside cells that the other fills.
+# or next to cells that the other fills.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 
@@ -149,7 +149,7 @@ def means_of(
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
     Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
-    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+    of the transient. Else both are taken over all samples; NaN if these are too few for an error.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _change(samples, period, scale):
 def sizes_of(samples: np.ndarray) -> np.ndarray:
     """Greatest |X|, |X'| and |state| of all samples, 1 where all are 0; shape (3,)."""
     greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
-    # A variable that is zero but for rounding has no size of its own.
+    # A variable that is zero but for rounding has no scale.
     return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
 
 

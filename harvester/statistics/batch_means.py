@@ -110,7 +110,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
 
 
 def _implied(memory, batches):
-    """Variance of the mean over that of independent batches, and correlation of neighbours.
+    """Variance of the mean relative to independent batches, and correlation of neighbours.
 
     Of an exponential autocorrelation with this time, in batches.
     """
@@ -264,7 +264,7 @@ def ratio_of_sums(
     ratio = float(upper.sum() / lower.sum())
     deviations = (upper - ratio * lower) / lower.mean()
     error = error_of(deviations)
-    # What is the same in every batch needs no number of independent ones.
+    # A value that is the same in every batch needs no number of independent ones.
     if error is None and deviations.size >= FEWEST_BATCHES and constant(ratio, deviations):
         error = float(np.ptp(deviations))
     # If the ratio is the same in every batch, its scatter is rounding.
@@ -309,7 +309,7 @@ def ratio_estimate(
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
     """How many independent samples with this mean and mean square would give it this error.
 
-    None of what is constant: its variance is rounding.
+    None for a constant: its variance is rounding.
     """
     if not error or constant(mean, error):
         return None

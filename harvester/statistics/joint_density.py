@@ -106,7 +106,7 @@ def _bins_to_merge(counts):
 
 
 def _merged(counts, factors):
-    """Counts with so many bins of each axis taken together, about the middle."""
+    """Counts with a number of bins of each axis merged, about the middle."""
     for axis, factor in enumerate(factors):
         spare = -(counts.shape[axis] // 2) % factor
         wide = np.pad(counts, [(spare, spare) if k == axis else (0, 0) for k in range(2)])

@@ -124,7 +124,7 @@ def add_jumps(
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
-        # The mass is beside the well that it reached last. Is it in the core of the well that lies
+        # The mass is outside the well that it reached last. Is it in the core of the well that lies
         # here?
         nearest = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])

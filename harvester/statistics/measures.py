@@ -1,6 +1,6 @@
 """Quantities from a load file's `* measure:` lines: losses of stages, states, events.
 
-Shares are of the mechanical input, so that those of all losses, outputs and stores, with what the
+Shares are relative to the mechanical input, so that all losses, outputs and stores, with what the
 device itself loses, add up to 1.
 """
 
@@ -24,7 +24,7 @@ from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.output_moments import MEASURED
 
 SECONDS_PER_HOUR = 3600.0
-# Up to so many events, the error of their number is that of independent events.
+# Up to this number of events, the error of their number assumes independent events.
 FEW_EVENTS = 10
 UNCHANGED = "it never changed: no error bar tells how rare that is"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
@@ -134,7 +134,7 @@ def _time(batches):
 
 
 def _hourly(events, time):
-    """Events per hour; of few ones, the error is that of a number of independent ones."""
+    """Events per hour; for few events the error assumes that they are independent."""
     estimate = ratio_estimate(events, time / SECONDS_PER_HOUR, "hourly_rate")
     count, error = float(events.sum()), estimate.standard_error
     if count < FEW_EVENTS:

@@ -31,7 +31,7 @@ QUANTITIES = (
     "impacts",
     "transducer_loss",
 )
-# The rows behind them are the times in each well, from the left, if the wells are not mirror
+# The rows after them are the times in each well, from the left, if the wells are not mirror
 # images.
 WELLS = len(QUANTITIES)
 # Rows of `Moments.products`: time integrals of products, for variances within a run.
@@ -354,7 +354,7 @@ def count_sample(
     half = BINS // 2
     into = np.floor(value / widths[k])
     while into >= half or into < -half:
-        # No group behind this one has a sample yet.
+        # No group after this one has a sample yet.
         _double_bins(histograms, group, k)
         widths[k] *= 2.0
         into = np.floor(value / widths[k])

@@ -53,7 +53,7 @@ class OutputMoments:
         Extremes of the voltage in the measured time.
     reference
         The voltage when the measured time begins, from which the deviations in `integrals` are
-        counted: those of a steady voltage would be rounding in its squares.
+        counted: the integrals of a steady voltage would be lost in the rounding of its squares.
     conductance
         Sum over the resistors across the output, scaled: power is conductance voltage². nan before
         the run's end.
@@ -115,7 +115,7 @@ class OutputMoments:
         values : ndarray, shape (measures, n), or None
             Values of the load's measures, where it has any.
         levels : sequence of ndarray, shape (n,), or None
-            Values of the rows behind the measures (V and A); None is 0.
+            Values of the rows after the measures (V and A); None is 0.
         energy : ndarray, shape (n, n), or None
             What the load stores (scaled), as a quadratic form of the first n levels.
         """
@@ -208,7 +208,7 @@ def _batch_of(before, after, start, batch_length, batches):
 
 @compiled
 def _spans(time, before, start, batch_length, batches):
-    """The measured intervals by their batches: the first, the one behind the last, and the batch.
+    """The measured intervals by their batches: the first, the end, and the batch.
 
     An interval bears the number of the point at its end.
     """

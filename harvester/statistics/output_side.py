@@ -49,7 +49,7 @@ USED = "mean_power_used_at_output"
 # Stretches of the measured time whose mean voltages are in order if the output ramps.
 RAMP_STRETCHES = 8
 ONE_VALUE_NOTE = "one value a realization: no error bar"
-# A source of the load that delivers a smaller share of what is harvested is left in it: the steps
+# A source of the load that delivers a smaller share of the harvested power is kept in it: the steps
 # may cost as much.
 LEAST_SUPPLY = 1e-3
 # Below this share of the load's power nothing arrives. At 1e-8 the engines still agree to 12 %.
@@ -77,11 +77,11 @@ def estimate_output(
 
     The output uses what its resistors take and what the load's file measures as an output.
     `mean_output_power` is that power less what the load's sources deliver, `supplied_by_NAME` each;
-    where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
+    if there are any, `mean_power_used_at_output` is given too. The harvested power is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
-    power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
-    `estimate_measures` are included. `error_of_change` is for the rates at which stores fill, by
-    default `error_of`.
+    power leaving the piezo, `end_to_end_efficiency` its share of the mechanical input. The
+    quantities of `estimate_measures` are included. `error_of_change` is for the rates at which
+    stores fill, by default `error_of`.
     """
     error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
@@ -96,8 +96,8 @@ def estimate_output(
         estimates[USED] = ratio_estimate(used, time, "power", squares=square, error_of=error_of)
     for name, energy in sources.items():
         estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
-    # The final mean is that of the last half of the measured time. The load starts discharged, so
-    # that its start-up counts from the realization's beginning, settling included.
+    # The final mean is taken over the last half of the measured time. The load starts discharged,
+    # so that its start-up counts from the realization's beginning, settling included.
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
@@ -125,7 +125,7 @@ def estimate_output(
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
     storage = estimates["mean_storage_power"]
-    # The error of an hour includes that of its path; the measured time has this path.
+    # The error of an hour includes the error of its path; the measured time has this path.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
@@ -330,7 +330,7 @@ def _ripple(moments, output, time, error_of):
 
 def _start_up(times, moments, final):
     """When the output started, with a note if it has not by the end of the run."""
-    # What starts within a knot of the excitation does not start by what is harvested.
+    # An output that starts within a knot of the excitation is not started by harvested energy.
     knot = moments[0].sample_interval / KNOTS_PER_HISTOGRAM_SAMPLE
     if all(time <= knot for time in times):
         return Estimate(0.0, None, None, "time", STARTS_CHARGED)

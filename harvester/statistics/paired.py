@@ -27,8 +27,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
-    error is often far below that of either mean. Where paths part, nothing cancels and the error
-    is that of independent means: it is the scatter of the difference itself. Where wells differ,
+    error is often far below the error of either mean. If paths part, nothing cancels and the error
+    equals that for independent means: it is the scatter of the difference itself. If wells differ,
     the means are those that the rates of jumps keep in balance, and the error holds the rates'.
 
     Parameters

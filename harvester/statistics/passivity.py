@@ -96,7 +96,7 @@ def efficiency_notes(
             )
         return (
             f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
-            "out of its own sources or of what it held at the start; its efficiencies are not "
+            "out of its sources or of charge that it held at the start; its efficiencies are not "
             "shares of the piezo's power",
         )
     if any(name.startswith(SUPPLIED) for name in estimates):

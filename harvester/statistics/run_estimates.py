@@ -274,7 +274,7 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
 
     A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
-    relative to (∫S df)²: that of an exponential autocorrelation with the time
+    relative to (∫S df)²: the variance for an exponential autocorrelation with the time
     ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
     the run lost its energy; 0 where that rate is not positive.
     """
@@ -338,8 +338,8 @@ def with_steps(
 ) -> Estimate:
     """The estimate with the error of its steps, if the excitation is deterministic.
 
-    A periodic motion or a transient has no sample size. That of another path is at most the number
-    of correlation times `memory` (s): what repeats itself within a cycle is no further sample.
+    A periodic motion or a transient has no sample size. The sample size of another path is at most
+    the number of correlation times `memory` (s): a repetition within a cycle is no further sample.
     The steps cost a share of `size`, by default the estimate's own; see `step_sizes`. `change`: see
     `error_of`.
     """
@@ -352,7 +352,7 @@ def with_steps(
     unvarying = change or excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
         samples = None
-    # What is constant while the motion changes does not depend on how it is stepped.
+    # A quantity that is constant while the motion changes does not depend on the steps.
     if error is not None and (unvarying or not constant(estimate.estimate, error)):
         whole = math.hypot(error, path_error * size)
         if samples is not None and whole > 0.0:

@@ -1,6 +1,6 @@
 """How far a load's capacitors and coils are from their steady state at the end of a run.
 
-The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
+The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: the distance from y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
 blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
 within the run, the rest follows from its decay.
@@ -110,7 +110,7 @@ def _state(store, levels, ends, matrix, times):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # A voltage that swings about 0 has no mean of its own.
+    # A voltage that swings about 0 has no mean.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf

@@ -16,7 +16,7 @@ from harvester.scene.steps import stop_time
 COLUMNS = (
     "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
 )  # fmt: skip
-# The first so many columns are the state of the motion.
+# Number of first columns that are the state of the motion.
 STATE = 3
 
 

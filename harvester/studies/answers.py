@@ -29,7 +29,7 @@ STARTS = 16
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
     """An engine or a closure that takes the scene's load.
 
-    None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
+    None means Monte Carlo, or the circuit if only that supports load and excitation.
     """
     if method is None:
         try:

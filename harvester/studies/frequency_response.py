@@ -59,7 +59,7 @@ SETTLED_SHARE = 1e-4
 MOST_PERIODS = 20_000
 # Most knots of the sine at one frequency. No run with more would end.
 MOST_KNOTS = 1e10
-# So many periods of the lowest frequency are measured. The change from their first half to their
+# Measured periods of the lowest frequency. The change from their first half to their
 # second is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
@@ -139,7 +139,7 @@ class FrequencyResponse(ResultBase):
     seconds
         Processor time of simulation (s), both directions.
     shown
-        Quantities of the table and the figure; all there are stand in the JSON.
+        Quantities of the table and the figure; the JSON has all.
     per_g : bool
         Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
         excitation's amplitude in g, powers over its square.
@@ -354,7 +354,7 @@ def one_direction(
 ) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
 
-    `engine`, `step`, `settings`: the engine's name, its step, and those of its options that differ
+    `engine`, `step`, `settings`: the engine's name, its step, and the options that differ
     from the defaults.
 
     Returns
@@ -387,7 +387,7 @@ def one_direction(
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
         row = np.array([*_means(record, base, *ends), *at_output])
         if excitation.dwell < transient_time(ready, SETTLED_SHARE):
-            # What is missing at the end of a time t is τ/t times the change within it.
+            # The remaining change after a time t is τ/t times the change within it.
             residual = row[RESIDUAL] * transient_time(ready, math.exp(-1.0)) / (0.5 * ends[1])
             row[:] = row if residual <= NOTED_RESIDUAL else math.nan
             row[RESIDUAL] = residual
@@ -444,7 +444,7 @@ def quantities_of(scene: Scene) -> list[str]:
 
 
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
-    """The quantities that are shown, by default the usual ones and those of an output.
+    """Quantities to show, by default the usual ones and the output's.
 
     Raises HarvesterError: no such quantity, or per g in a scaled scene.
     """
@@ -477,13 +477,13 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
 
 
 def _measured(excitation, frequency):
-    """An even number of whole periods, at least as long as those of the lowest frequency."""
+    """Even number of whole periods, at least as long as the periods of the lowest frequency."""
     longest = MEASURED_PERIODS / min(excitation.frequencies)
     return 2 * math.floor(0.5 * longest * frequency + 1e-9) / frequency
 
 
 def _means(record, base, stop, measured):
-    """`FrequencySweep`'s quantities except those of the output, over the last whole periods."""
+    """`FrequencySweep`'s quantities without the output's, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]

@@ -22,7 +22,7 @@ from harvester.scene.tables import all_keys
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
 # Keys of [run] with whole numbers.
 WHOLE = ("run.seed", "run.realizations")
-# A realization settles for at least so many time constants of the load's output.
+# Least settling time of a realization, in time constants of the load's output.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
 GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'

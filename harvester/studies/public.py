@@ -161,11 +161,11 @@ def frequency_response(
     frequencies : sequence of float
         In Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
     amplitude : float or None
-        Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
+        Amplitude of the base acceleration, m/s² in SI (default: the amplitude of the scene's sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
     quantities : sequence of str
-        What is shown; several may be given: displacement_amplitude (of the tip, relative to the
+        Quantities to show, one or several of: displacement_amplitude (of the tip, relative to the
         base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
         an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
         mean_power and what the output has).
@@ -268,7 +268,7 @@ def spectrum(
     sampling_rate : float or None
         Sampling rate of a record, where it does not say it (Hz).
     resolution : float or None
-        Bandwidth of the density (Hz); left out: that of 64 segments.
+        Bandwidth of the density (Hz); default: the bandwidth of 64 segments.
     duration : float or None
         For a scene: how long its excitation is drawn (s); left out: run.duration.
     breakpoints : int
@@ -463,7 +463,7 @@ def load_study(
     grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
-        # Asked here already, so that a machine without ngspice says so before any work.
+        # Checked here already, so that a machine without ngspice raises before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
@@ -539,7 +539,7 @@ def sensitivity(
 
     Notes
     -----
-    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
+    See `harvester.studies.sensitivity.sobol` for the estimators and the removal of the noise.
 
     Examples
     --------
@@ -618,8 +618,8 @@ def optimum(
     closure : str or None
         Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
-        Places proposed, over several parameters (default: 60 for each), or of the grid of one
-        parameter by a closure (17). Those of the climb, some tens, come on top.
+        Points proposed, over several parameters (default: 60 for each), or of the grid of one
+        parameter by a closure (17). The climb adds some tens of points.
     precision : float or None
         Relative standard error of the value at the optimum (default: the scene's own run).
     **running
@@ -636,7 +636,7 @@ def optimum(
     HarvesterError
         No such key, or no range.
     OptimumError
-        The largest value lies at an end of the range, or no maximum can be told from noise.
+        The largest value lies at an end of the range, or no maximum exceeds the noise.
     SimulationError
         A run failed; `OutOfTime` where the time is spent.
     MissingLibrary

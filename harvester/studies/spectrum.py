@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 # Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB. Longer
-# segments than the most are not taken by default, and blocks hold so many samples at least: an hour
+# segments are not taken by default, and blocks hold at least this number of samples: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
 # Most in a segment for the specification, and places of a density that is known.
@@ -35,11 +35,11 @@ STRETCHES = 32
 HANN_BINS = 1.5
 # A specification ends where the density falls below this share of its greatest.
 FAINTEST = 1e-4
-# Quality factor of a device whose power a specification keeps, and with it that of wider ones.
-# Steps per width of its resonance, and the least of all.
+# Quality factor of a device whose power a specification keeps; it then keeps the power of wider
+# ones too. Steps per width of its resonance, and the least of all.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
-# The resolution must go so many times into that width: at twice, a record's power by the lines was
-# up to 10 % from that by its own periodogram, at four times up to 5 %.
+# Least ratio of that width to the resolution: at 2, a record's power by the lines was
+# up to 10 % from the power by its periodogram, at 4 up to 5 %.
 BINS_OF_WIDTH = 4.0
 # Corrections of the densities after each further breakpoint, the difference of power (log) at which
 # no other is needed, and the one from which it is noted.
@@ -153,7 +153,7 @@ def _welch(blocks, count, interval, size, knots):
 def _specified(excitation, seconds, spacing):
     """Frequencies, density and bandwidth of noise whose density is known; None of another.
 
-    Without edges of its own it reaches from the reciprocal of the time to the samples' limit.
+    Without edges it reaches from the reciprocal of the time to the samples' limit.
     """
     low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
     frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])

@@ -29,7 +29,7 @@ from harvester.statistics.units import unit_of
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# An error bar reaches so many standard errors to either side.
+# Half length of an error bar, in standard errors.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
@@ -113,7 +113,7 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome", "notes"], rows
 
     def _dataset(self) -> Dataset:
-        """Every quantity beside its `…_standard_error` over the keys and the method.
+        """Every quantity with its `…_standard_error` over the keys and the method.
 
         Raises
         ------
@@ -225,7 +225,7 @@ _NOTHING = Estimate(math.nan, None, None, "1")
 
 
 def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
-    """The JSON's entry for the orbits that starts reached; none where there is one start."""
+    """The JSON's entry for the orbits that starts reached; empty if there is one start."""
     entries = [orbit.to_dict(lambda dimension: unit_of(scene, dimension)) for orbit in orbits]
     return {"orbits": entries} if entries else {}
 
@@ -245,7 +245,7 @@ def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, 
 
 
 def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
-    """The outcome, and the notes that stand behind one that is complete."""
+    """The outcome, and the notes of a complete one."""
     first, *notes = cell.outcome.split("; ")
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
 

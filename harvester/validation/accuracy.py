@@ -143,7 +143,7 @@ class Accuracy(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """Whether the default step does, and what is behind the numbers."""
+        """Verdict on the default step, and notes on how the numbers were obtained."""
         answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
         lines = [

@@ -53,7 +53,7 @@ def draw(study: Any) -> Figure:
 
 
 def _panel(series, x_label, y_label, title, named=()):
-    """Logarithmic axes that end a little beyond the data, with names beside some points."""
+    """Logarithmic axes that end a little beyond the data, with names next to some points."""
 
     def cut(axes):
         for column, set_limits in (("x", axes.set_xlim), ("y", axes.set_ylim)):
@@ -98,7 +98,7 @@ def _run_time(study):
 
 
 def _in_percent(bias):
-    """Size of a bias and its error bar, each of shape (…, 1), within what is drawn."""
+    """Size of a bias and its error bar, each of shape (…, 1), within the drawn range."""
     size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
     size = min(max(size, LEAST), GREATEST)
     return np.array([size]), np.array([[min(reach, 0.999 * size)], [reach]])
@@ -149,7 +149,7 @@ def _total_errors(study, name, marks):
     seconds = np.geomspace(min(times), max(times), POINTS)
 
     def total_of(error):
-        """In percent; what is below the smallest limit is of no interest."""
+        """In percent; values below the smallest limit are cut off."""
         total = 100.0 * error.after(seconds)
         return np.where(total >= 100.0 * LIMITS[-1], total, np.nan)
 

@@ -167,7 +167,7 @@ class TotalError:
         return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, with what is read off at each of `LIMITS`."""
+        """Plain values for JSON, with the times at each of `LIMITS`."""
         content = {
             "bias": self.bias.estimate,
             "standard_error": self.bias.standard_error,
@@ -183,9 +183,9 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     """A method's bias, from its own run and the reference's longer one on the same noise.
 
     The reference's realizations on the noise of the method's own serve as control variate: with α
-    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias, m' the
-    reference's mean over these realizations and M that over all of its own. α is 1 while paths
-    stay together, and 0 where they part at once.
+    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias; m' is
+    the reference's mean over these realizations and M over all of its realizations. α is 1 while
+    paths stay together, and 0 where they part at once.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ def _has_load(scene):
 
 
 def _brief_scene(scene, realizations):
-    """Runs for slow methods: half of each for the transient, or less where the scene says so."""
+    """Runs for slow methods: half of each for the transient, or less if `run.settle` is."""
     model = prepared(scene)
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
     run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
@@ -494,5 +494,5 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
 
 
 def is_reference(bias: Estimate) -> bool:
-    """Whether a bias is that of the reference itself: nothing but rounding."""
+    """Whether a bias belongs to the reference itself: nothing but rounding."""
     return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING

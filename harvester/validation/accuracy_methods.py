@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """One way to solve a scene; those of one family differ in their steps only.
+    """One way to solve a scene; the methods of one family differ in their steps only.
 
     Attributes
     ----------
@@ -86,8 +86,8 @@ def _listed(name):
 
 METHODS, COMPILED_METHODS, LOAD_METHODS = map(_listed, ("all", "compiled", "load"))
 THOROUGH_METHODS = (*METHODS, *_listed("thorough"))
-# The references of all biases, and that of paths with a netlist as load, which no independent
-# integrator runs.
+# The references of all biases, and the reference of paths with a netlist as load, which no
+# independent integrator runs.
 REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)

@@ -35,7 +35,7 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     Parameters
     ----------
     realizations : int
-        Number in the run that is compared: they start in the wells in turn.
+        Number in the compared run: they start in successive wells.
     """
     if not scene.load.is_resistor:
         return {}

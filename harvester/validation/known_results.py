@@ -44,7 +44,7 @@ class Truth:
     source : str
         Who derived or published it.
     allowance : float
-        How far off the simulated device may be because it is not quite that of the result
+        Allowed deviation because the simulated device differs slightly from the result's
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
     asked : dict of str to Request, Task or ProgramNotFound
         What to compute by each method; a task returns (value, standard error). For a set that was

@@ -1,6 +1,6 @@
 """The source paper's Figs. 4 to 10 as data of paper.toml, and requests for its scenes.
 
-`reproduce` and `claims` cut the same realizations, so that either finds those of the other.
+`reproduce` and `claims` cut the same realizations, so that either can use the other's.
 """
 
 from collections.abc import Iterable
@@ -55,7 +55,7 @@ class FigurePanel:
     swept : str
         The scene's key along the axis; for densities the one in which the curves differ.
     curves : tuple of Changes
-        Values that each line stands for.
+        Values of the lines.
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int

@@ -92,7 +92,7 @@ class PathDeviation:
     of_mean_squares : float
         Largest deviation of the mean squares of X' and V at the step asked for, as a share.
     compared_periods, comparable_periods : float
-        Mean length of the stretch in periods of small oscillations, and that of the fine paths
+        Mean length of the stretch in periods of small oscillations, and the same of the fine paths
         alone, whatever the engine does.
     compared_time : float
         The former (s).
@@ -256,7 +256,7 @@ def _mean_squares(paths, fine, compared):
 def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
 
-    Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
+    Runge–Kutta of fourth order; `waveforms` belong to the realizations 0, 1, … from their
     beginning.
     """
     model = prepared(scene)

@@ -124,7 +124,7 @@ class Reproduction(ResultBase):
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
             for note in outcome.notes if answered(outcome) else ():
-                # The note on the interpolation of the noise stands once, in the caption's JSON.
+                # The note on the interpolation of the noise is given once, in the caption's JSON.
                 if not note.startswith("noise linear"):
                     short.setdefault((method, note), []).append(point_name(panel, curve, value))
         return lines + [
@@ -216,8 +216,8 @@ def reproduce(
     quick : bool
         Figures with fewer points and shorter runs.
     precision : float or None
-        Relative standard error of E[V²] and PCE that the figures' simulations are run for, instead
-        of that of `QUICK` or `DEFAULT`.
+        Relative standard error of E[V²] and PCE at which the figures' simulations stop, instead
+        of the one of `QUICK` or `DEFAULT`.
     thorough : bool
         Statements by longer runs, and by the circuit at every condition.
     on_figure : callable or None

@@ -3,7 +3,7 @@
 A test lists the changes of the scene that it needs at a condition (`scenes`), and evaluates
 them (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
 none. Differences of two simulations are paired batch by batch on their common noise, which is
-valid whether or not the paths stay together: the error is that of the difference itself.
+valid whether or not the paths stay together: it is the error of the difference itself.
 """
 
 import itertools
@@ -87,7 +87,7 @@ class StatementTest:
         A second quantity.
     quantities : tuple of str
     compares : bool
-        `findings` takes a second `read`: that of Monte Carlo.
+        `findings` takes a second `read` for Monte Carlo.
     of_orbits : bool
         It is about orbits without noise: `findings` takes the scene, and only the paper's closure
         is asked.
@@ -127,7 +127,7 @@ class StatementTest:
 
 
 class _Followed(StatementTest):
-    """Base of tests that follow a quantity along values of one key, at least so many."""
+    """Base of tests that follow a quantity along values of one key, at least `fewest`."""
 
     fewest = 3
 

@@ -52,7 +52,7 @@ def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
 def deviation_from_other_program(
     scene: Scene, engine: str, step: str, other: str, column: str, report: Callable
 ) -> tuple[float, float]:
-    """Root mean square difference from another's path at the knots, as a share of its own rms.
+    """Root mean square difference from another path at the knots, relative to the rms of the path.
 
     `other` is one of `OTHERS`, `column` of `COLUMNS`.
     """
@@ -95,7 +95,7 @@ def beam_claims(place: str, digest: str, scene: Scene, report: Callable) -> tupl
 
     def record(tilt, frequency, level):
         file = Path(place) / BEAM_FILES[tilt, frequency, level]
-        # A resistor's voltage has no mean: what is there is the channel's offset.
+        # A resistor's voltage has no mean: a mean is the channel's offset.
         offset = float(np.loadtxt(file, delimiter=",", usecols=3).mean())
         settings = {"time": "0:s", "acceleration": "1:g", "voltage": "3:V"}
         tilt_force = {"oscillator.restoring_force[0]": "free"} if tilt else {}

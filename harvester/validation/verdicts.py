@@ -31,7 +31,7 @@ SHARP_ENOUGH = 0.02
 # Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
 # and normal, one matrix in eighty would have a false alarm.
 LARGEST_SIGMAS = 4.0
-# Relative error of the stationary solution beside its stated numerical error (one standard
+# Relative error of the stationary solution in addition to its stated numerical error (one standard
 # deviation), as long simulations showed.
 SOLVER_ERROR = 5e-3
 # Largest deviation of the mean squares along comparable paths, at the step asked for.
@@ -138,7 +138,7 @@ class CaseRow:
 
 
 def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
-    """The row of one case from what engines and closures said; `scene` is that of the case."""
+    """The row of one case from the outcomes of engines and closures; `scene`: the case's."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
     answered = {method: answers[method] for method, cell in cells.items() if cell is None}
     for method, answer in answered.items():
@@ -148,7 +148,7 @@ def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> Cas
 
 
 def _without_answer(outcome):
-    """The verdict where there is no answer; None where there is one."""
+    """The verdict if there is no answer; else None."""
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:

@@ -1,4 +1,4 @@
-"""`verify`: exact, published and measured results beside this project's, with their two pages."""
+"""`verify`: exact, published and measured results compared with this project's; two pages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MISSES = "misses"
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One method beside one truth.
+    """One method compared with one truth.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class TruthRow:
 
 
 def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
-    """A method beside a truth: its answer, the error it ended with, or None."""
+    """A method's answer for a truth, the error that ended it, or None."""
     if outcome is None:
         return TruthRow(truth, method, reason=UNFINISHED, ended=UNFINISHED)
     if isinstance(outcome, ProgramNotFound):
@@ -120,7 +120,7 @@ def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
 
 @dataclass(frozen=True, repr=False)
 class Verification(ResultBase):
-    """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
+    """All rows; `harvester verify` shows it. `date`: the current date, in ISO 8601."""
 
     rows: list[TruthRow]
     wall_seconds: float
@@ -131,7 +131,7 @@ class Verification(ResultBase):
 
     @property
     def scene(self) -> None:
-        """None: every result has a scene of its own."""
+        """None: every row has its own scene."""
 
     @property
     def failed(self) -> list[TruthRow]:
@@ -180,7 +180,7 @@ class Verification(ResultBase):
         return [
             f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
             f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
-            "as much more as the simulated device differs from that of the exact result.",
+            "the known difference between the simulated device and the exact result's.",
             *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
         ]
 
@@ -198,7 +198,7 @@ class Verification(ResultBase):
             "# Known results",
             "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
-            "exact limits, published powers and other integrators beside this project's results.",
+            "exact limits, published powers and other integrators, next to this project's results.",
             _listed(self._exact_sentences()),
             markdown_table(lines),
             "## Sources",
@@ -220,7 +220,7 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
         Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
         Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
     }
-    # What is neither a request nor a task is the reason why nothing can be computed.
+    # An entry that is neither a request nor a task is the reason why nothing can be computed.
     rows = [
         row_of(truth, method, next(outcomes.get(type(question), iter([question]))))
         for truth, method, question in asked
@@ -230,7 +230,7 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
 
 
 def measured_page(rows: Sequence[TruthRow], date: str) -> str:
-    """Markdown of the rows of measured devices: every point, what is inferred, and the misses."""
+    """Markdown of the rows of measured devices: every point, inferred values, and deviations."""
     known, by_device = entries("known_results"), _by_device(rows)
     parts = []
     for device in known["device"]:

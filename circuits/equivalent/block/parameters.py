@@ -1,6 +1,6 @@
 """The values of a block that people vary, in SI, and what its scaled formulas are made of.
 
-Formulas are those of the circuit (`harvester.device`), in scaled units. Each of their numbers
+Formulas are taken from `harvester.device`, in scaled units. Each of their numbers
 becomes an expression of SI parameters with + − * / alone, which every simulator reads alike. A
 number's factor is its scaled value over the SI values that it is proportional to, so that nothing
 is scaled here a second time; a number without such a rule is written out as a constant.

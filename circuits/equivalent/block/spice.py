@@ -101,7 +101,7 @@ def metered(network: Network) -> bool:
 
 
 def nodes_of(network: Network) -> dict[str, str]:
-    """The block's nodes for those of the network that are pins of it."""
+    """The block's nodes for the pins of the network."""
     terminal = "terminal" if metered(network) else "p"
     # The network's node "base" is raised by the base's acceleration; its name is a pin's, so it is
     # renamed.

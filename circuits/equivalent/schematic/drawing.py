@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
 TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
-# Distances in schemdraw's units: between parts of the drawing, from a box to what is in it, and the
+# Distances in schemdraw's units: between parts of the drawing, from a box to its content, and the
 # length of a wire that leads out of a box.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
 # If the mechanical side would be wider than this, it continues in a further row.
@@ -105,7 +105,7 @@ def schematic(scene: SceneOrName) -> Schematic:
     right, low = _mechanics(pen, circuit, scene.name, electrical)
     call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)
     inner = circuit.find(call.calls)
-    # A load of one element is drawn beside the transducer, a larger one below everything else.
+    # A load of one element is drawn next to the transducer, a larger one below everything else.
     leave = (end, 0.0)
     turn = [(end + 0.4 * LEAD, 0.0)]
     corner = (end + 2.0 * LEAD, 0.0)
@@ -114,7 +114,7 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    # It stands beside the electrical side and above the load, if there is room.
+    # It is next to the electrical side and above the load, if there is room.
     above = len(inner.parts) > 1
     _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)
@@ -172,7 +172,7 @@ def _electronics(pen, circuit, left, transducer, electrical):
 
 
 def _load(pen, circuit, call, wire, corner, strays):
-    """Draw the load in a box and what is connected to its output; returns the right edge."""
+    """Draw the load in a box and the parts at its output; returns the right edge."""
     inner = circuit.find(call.calls)
     outer = dict(zip(inner.pins, call.nodes, strict=True))
     near = [pin for pin in inner.pins if outer[pin] not in LOAD_SIDE]
@@ -188,7 +188,7 @@ def _load(pen, circuit, call, wire, corner, strays):
             pen.ground((corner[0] - 0.5 * LEAD, y))
         else:
             pen.wire(*wire, (wire[-1][0], y), end)
-    # The upper output's elements stand further out, clear of the lower one's wire.
+    # The upper output's elements are further out, clear of the lower one's wire.
     x = right + LEAD
     for pin in sorted(far, key=height.get):
         hung = [part for part in strays if outer[pin] in part.nodes]
@@ -200,7 +200,7 @@ def _load(pen, circuit, call, wire, corner, strays):
 
 
 def _definitions(pen, inner, corner):
-    """Draw each sub-circuit that the load uses once, in a box of its own."""
+    """Draw each sub-circuit that the load uses once, in a separate box."""
     x, y = corner
     for called in _called(inner):
         half = (len(called.pins) + 1) // 2

@@ -103,7 +103,7 @@ class Beam(Table):
     tip_length: float | None = positive("length of the block", "m", likely=LONG)
     tip_height: float | None = positive("height of the block", "m", likely=LONG)
     tip_width: float | None = positive(
-        "width of the block: that of the beam unless given", "m", likely=LONG
+        "width of the block; default: the beam's width", "m", likely=LONG
     )
     damping_ratio: float | None = not_negative("damping ratio: ζ of the first mode", "1")
     quality_factor: float | None = positive("quality factor: Q = 1/(2ζ)", "1", usual=(1.0, 1e6))
@@ -116,7 +116,7 @@ class Beam(Table):
         likely=(1e-15, 1e-3, 1e-9, "nF"),
     )  # fmt: skip
     strain_limit: float | None = positive(
-        "strain limit: that of the layers' material unless given", "1", likely=STRAIN
+        "strain limit; default: the limit of the layers' material", "1", likely=STRAIN
     )
     fatigue_strain: float | None = positive(
         "strain amplitude of Basquin's line", "1", likely=STRAIN
@@ -139,7 +139,7 @@ class Beam(Table):
 
     @property
     def limit(self) -> tuple[float, str]:
-        """Greatest strain of the layers, and where it stands."""
+        """Greatest strain of the layers, and its position along the beam."""
         named = ACTIVE[self.piezo]
         if self.strain_limit is None:
             return named.strain_limit, f"the limit of {self.piezo} ({named.limit_source})"
@@ -226,7 +226,7 @@ class LumpedBeam(NamedTuple):
 
     @property
     def capacitance(self) -> float:
-        """The material's, and that of the modes left out."""
+        """Capacitances of the material and of the residual modes."""
         return self.material_capacitance + self.rest_capacitance
 
     @property
@@ -312,7 +312,7 @@ def pieces_of(beam: Beam) -> list[Piece]:
 
 
 def tip_of(beam: Beam) -> Tip:
-    """The body at the tip: by its values, or as a block that stands on the beam's end."""
+    """The body at the tip: by its values, or as a block on the beam's end."""
     mass, inertia = beam.tip_mass, beam.tip_inertia
     if beam.tip_material is not None:
         length, height = beam.tip_length or 0.0, beam.tip_height or 0.0
@@ -324,7 +324,7 @@ def tip_of(beam: Beam) -> Tip:
 
 
 def layer_capacitance(beam: Beam) -> float:
-    """Capacitance of the layers at constant strain, as they are connected."""
+    """Capacitance of the connected layers at constant strain."""
     _, _, _, permittivity = beam.active
     begin, end = beam.patch
     one = permittivity * VACUUM_PERMITTIVITY * beam.width * (end - begin)

@@ -1,7 +1,7 @@
 """`[magnets]`: a magnet at the beam's tip and others on the frame, as a table of force.
 
 The tip's magnet turns with the tip, by φ'(L)/φ(L) for a displacement. Magnets of known size are
-uniformly magnetized: their end faces carry the charge M on each area, and the force is that of all
+uniformly magnetized: their end faces carry the charge M per area, and the force is the sum over all
 charges on each other. Without sizes they are dipoles, U = μ0/4π [m1·m2/r³ − 3 (m1·r)(m2·r)/r⁵]
 (S. C. Stanton, C. C. McGehee and B. P. Mann, Physica D 239, 640 (2010)).
 """
@@ -101,7 +101,7 @@ class Magnets(Table):
 
     @property
     def frames(self) -> tuple[float, tuple[float, ...]]:
-        """Sign of the frame's dipoles beside the tip's, and their places across the beam."""
+        """Sign of the frame's dipoles relative to the tip's; their positions across the beam."""
         half = self.spacing / 2.0
         return (1.0, (-half, half)) if self.arrangement == "attracting" else (-1.0, (0.0,))
 

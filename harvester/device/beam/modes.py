@@ -1,6 +1,6 @@
 """Bending modes of a cantilever of uniform pieces with a rigid body at its tip.
 
-Euler–Bernoulli: every piece is solved exactly, so the only error is that of the root search
+Euler–Bernoulli: every piece is solved exactly, so the only error comes from the root search
 (1e-13). The state along the beam is (w, w', EI w'', EI w''').
 """
 

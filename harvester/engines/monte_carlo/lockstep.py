@@ -2,8 +2,8 @@
 
 All take the same steps between the knots of their noise. In free flight they do so in one loop
 without branches, which LLVM turns into instructions for eight of them at a time. Those in contact,
-and those that the flight would bring into one, are gathered and stepped apart in a loop of the same
-kind, each with steps of its own, until they are at the step's end again.
+and those that free flight would bring into one, are gathered and stepped apart in a loop of the
+same kind, each with individual steps, until they are at the step's end again.
 
     realization   |------- step -------|------- step -------|
          0        o--------------------o--------------------o    free flight: `_fly`
@@ -62,7 +62,7 @@ class BatchWorkspace(NamedTuple):
         All realizations, and copies of those stepped apart; shape (blocks of eight,
         ROWS · 8).
     which
-        The realization that stands in each place of `apart`.
+        Index of the realization in each slot of `apart`.
     points
         Of each realization since it was last zero.
     columns
@@ -80,7 +80,7 @@ class BatchWorkspace(NamedTuple):
     def of(
         cls, s: System, starts: Sequence[tuple[float, float, float]], points: int
     ) -> BatchWorkspace:
-        """Realizations at their starts, with room for so many points each, at least 2 or none.
+        """Realizations at their starts, with memory for a number of points each: 0 or at least 2.
 
         A start is (X, X', transducer's state).
         """
@@ -89,7 +89,7 @@ class BatchWorkspace(NamedTuple):
         edges = contact.edges(s.contacts)
         for k in range(blocks * TOGETHER):
             state = states[k // TOGETHER, :, k % TOGETHER]
-            # Places behind the last realization are padding: they repeat its start.
+            # Slots after the last realization are padding: they repeat its start.
             x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
             held, ends = system.held_impact_speed(s, x, v), edges[zone : zone + 2]

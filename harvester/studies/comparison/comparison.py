@@ -52,7 +52,7 @@ LIMITS = {
     "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
     "a jump between wells",
 }
-# The waveform shows so many periods of small oscillations.
+# Number of periods of small oscillations in the waveform.
 SHOWN_PERIODS = 20
 
 
@@ -86,7 +86,7 @@ class Comparison(ResultBase):
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Names of the quantities that stand side by side."""
+        """Names of the quantities that are compared."""
         quantities = self.monte_carlo.scaled_quantities
         return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
 
@@ -195,7 +195,7 @@ class Comparison(ResultBase):
         ]
 
     def _rows(self, name):
-        """A quantity's row, and behind a mean square without a root in the results that of it."""
+        """Row of a quantity, and for a mean square the row of its root, if results have none."""
         circuit = self.circuit.quantity(name)
         paired = self.paired.get(name)
         factor, unit = self.circuit.in_print(name, circuit)
@@ -236,7 +236,7 @@ class Comparison(ResultBase):
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
-        # If no quantity has an error bar, the verdict says so already.
+        # If no quantity has an error bar, the verdict reports that already.
         lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
         lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
@@ -275,7 +275,7 @@ class Comparison(ResultBase):
             within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%}"
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
-        # Runs without chance may have a difference of 0.
+        # Runs without noise may have a difference of 0.
         worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}

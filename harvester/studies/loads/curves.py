@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.statistics.batch_means import standard_error
 
-# An interval reaches so many standard errors to either side.
+# Half width of an interval, in standard errors.
 INTERVAL = 2.0
 EDGE = "at the edge of the sweep: no interval"
 

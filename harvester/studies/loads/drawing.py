@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
-# An error bar reaches so many standard errors to either side.
+# Half length of an error bar, in standard errors.
 BARS = 2.0
 # Shown in figure and table: the first for a load with an output, else the second.
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")

@@ -71,8 +71,8 @@ class Evaluation(Cell):
     series : ndarray, shape (realizations, batches), or None
         Output power, in the scene's units.
     power_error : float
-        Standard error of the output power, nan where there is none, also where `estimates`
-        withholds it for a run too short for what is slow.
+        Standard error of the output power, NaN where there is none, also where `estimates`
+        withholds it because the run is too short for its slow quantities.
     waveform
         Beginning of the first realization, rows as in `Record`, in the scene's units.
     """

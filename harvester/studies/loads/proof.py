@@ -34,7 +34,7 @@ from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
-# Both engines run so many realizations of a place: of its own length, and of the first periods
+# Realizations of one point by both engines: of full length, and of the first periods
 # alone.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
 # The early power is compared if it is at least this share of the settled one. Before a store is

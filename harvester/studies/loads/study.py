@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 # settling.
 DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
-    "columns: output power (harvested), efficiency and realizations are those of the highest "
+    "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
     "neighbours; interval: of that maximum, 95 %"
 )
@@ -374,7 +374,7 @@ class LoadStudy(ResultBase):
         """The study as an xarray Dataset in the scene's units.
 
         Dimensions: load, one per sweep by its dotted key, and `better`, `worse` for paired
-        differences at the optima, `sample` for waveforms. Every quantity stands next to its
+        differences at the optima, `sample` for waveforms. Every quantity is next to its
         `…_standard_error`. No time of day and no duration: equal studies are equal.
         """
         grid = self.grid
@@ -503,7 +503,7 @@ def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
 def proofs(
     runner: Runner, grid: Grid, engines: tuple[Engine, Engine], evaluations: list[Evaluation]
 ) -> list[Proof]:
-    """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
+    """The circuit compared with Monte Carlo, on the same noise, at chosen points of the latter."""
     first, judge = ((engine, runner.version(engine.name)) for engine in engines)
     return runner.follow(
         [

@@ -11,7 +11,7 @@ from harvester.scene.numbers import number
 LOGARITHMIC = 3.0
 # A flat region below this share of the range counts as narrow.
 NARROW = 0.02
-# An interval reaches so many standard errors to either side.
+# Half width of an interval, in standard errors.
 INTERVAL = 2.0
 # Default range: the scene's value divided by and multiplied by this.
 SPAN = 10.0

@@ -14,7 +14,8 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
-# A place belongs to the flat region if it loses at most this share, within so many standard errors.
+# A point belongs to the flat region if it loses at most this share, within this many standard
+# errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # The first step outwards is the distance to the end of the range, halved HALVINGS times. The edge
 # is then located by REFINEMENTS further halvings, by more for a method WITHOUT_NOISE.
@@ -61,7 +62,7 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
 
 
 def _look_around(objective, place, answer, stage):
-    """The rays from a place with what is flat on each, and (place, answer) of a higher one."""
+    """Rays from a point with the flat part of each, and (point, answer) of a higher one."""
     rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):

@@ -50,12 +50,12 @@ SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 # halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Two standard errors of the place may be this share of the window's half width. Otherwise the next
-# round has so many times the realizations, up to the largest multiple.
+# Two standard errors of the optimum may be this share of the window's half width. Otherwise the
+# next round has a multiple of the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
-# A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
-# this share of the fall within the window.
+# A narrower window is fitted if a value deviates from the cubic by this number of standard errors,
+# and by this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
 # A maximum must exceed the ends of its window by STANDS_OUT of itself; less is a plateau. The
 # window is not narrowed if the fall is below NARROWED: a kink looks the same at every scale, and no
@@ -86,7 +86,7 @@ def along(
         location, value, reason = averaged(device, axis, quantity, closure, runner)
 
     def begin():
-        # The number of windows is not known: each takes half of what is left.
+        # The number of windows is unknown: each takes half of the remaining progress.
         low = max(stages.share, 0.3)
         stages.begin(low, 0.5 * (low + 0.9), "simulation")
 

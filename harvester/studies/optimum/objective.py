@@ -79,7 +79,7 @@ class Objective:
         return {a.key: a.value(float(c)) for a, c in zip(self.axes, place, strict=True)}
 
     def scene_at(self, place: Sequence[float], stage: int = 0) -> Scene:
-        """The scene at a place; each stage of a search has noise of its own."""
+        """The scene at a point; each stage of a search has different noise."""
         changes = self.values_at(place)
         if stage and self.noisy:
             words = np.random.SeedSequence(self.scene.run.seed, spawn_key=(stage, 0))

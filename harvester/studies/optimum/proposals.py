@@ -62,7 +62,7 @@ class Proposals:
         self._trials: list[Any] = []
 
     def ask(self, count: int = BATCH) -> list[tuple]:
-        """So many places, tuples of coordinates in 0 … 1."""
+        """`count` points, tuples of coordinates in 0 … 1."""
         self._trials = [self._study.ask(self._distributions) for _ in range(count)]
         return [tuple(trial.params[name] for name in self._names) for trial in self._trials]
 

@@ -52,7 +52,7 @@ class Averaging:
 class Optimum(ResultBase):
     """Where a quantity is largest; in the scene's units.
 
-    Over one parameter a curve is fitted to several places, and averaging stands beside it. Over
+    Over one parameter a curve is fitted to several points, and compared with averaging. Over
     several a library proposes places, and what bounds each parameter is looked for.
 
     Attributes
@@ -60,7 +60,7 @@ class Optimum(ResultBase):
     parameters
         Each with its place at the optimum.
     value
-        Value from a run at the place; over several parameters on noise of its own.
+        Value from a run at the optimum; over several parameters on fresh noise.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
@@ -291,7 +291,7 @@ class Optimum(ResultBase):
         noisy = is_noisy(self.scene, method_of(self.method))
         accuracy = "no noise: the place to the method's own precision"
         if noisy:
-            accuracy = "value on noise of its own; interval: two standard errors; seed "
+            accuracy = "value on fresh noise; interval: two standard errors; seed "
             accuracy += str(self.scene.run.seed)
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"

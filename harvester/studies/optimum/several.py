@@ -36,12 +36,12 @@ from harvester.studies.optimum.result import Optimum
 EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
-# So many places are run again on fresh noise.
+# Number of points that are run again on fresh noise.
 CONFIRMED = 5
 # Radius of trust of a method without noise, as a share of the ranges, at first and at the end: a
 # maximum is flat to 1e-9 within the last.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
-# The climb takes about so many evaluations for each parameter. The progress bar uses this.
+# Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
 # Noise streams, by number: for the search, for the chosen places, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2

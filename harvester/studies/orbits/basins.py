@@ -131,7 +131,7 @@ class Basins(ResultBase):
             "empty transducer at the beginning of a period of the excitation; --displacement and "
             "--velocity set others",
             *orbit_sentences(self.orbits, self.unit),
-            "a share is that of the starts on this grid: another grid has other shares",
+            "a share counts the starts on this grid: another grid has other shares",
         ]
         left = self.orbit.size - count
         if left:

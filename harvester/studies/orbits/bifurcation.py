@@ -249,7 +249,7 @@ class Bifurcation(ResultBase):
     def _dataset(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units.
 
-        Each mean stands next to its `…_standard_error`; the attribute `unit` is the unit.
+        Each mean is next to its `…_standard_error`; the attribute `unit` is the unit.
         """
         axes, branches = ("direction", self.key), self.branches
         variables: dict[str, Any] = {"period": (axes, [branch.period for branch in branches])}
@@ -284,7 +284,7 @@ def climb(
     Parameters
     ----------
     engine, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+        The engine's name, its step, and the options that differ from their defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods

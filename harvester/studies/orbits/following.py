@@ -54,8 +54,9 @@ MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
 # Starts without a period by then are followed for this many times the periods: chaos may be a
-# transient. So many of its starts are followed this much longer again, and all of them if one finds
-# a period. The best start of each cycle then goes on, at most ROUNDS times, until it converges.
+# transient. This number of its starts is followed this much longer again, and all of them if one
+# finds a period. The best start of each cycle then goes on, at most ROUNDS times, until it
+# converges.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
@@ -65,8 +66,8 @@ class Orbit:
 
     Attributes
     ----------
-    name : A, B, … in the order of their shares; of what is no steady motion its `kind`.
-    kind : "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
+    name : A, B, … in the order of their shares; of an unsteady motion its `kind`.
+    kind : "period 3" or "chaotic", or of an unsteady motion one of `UNSTEADY`.
     period
         Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov
@@ -74,13 +75,13 @@ class Orbit:
     starts
         Number of starts that settled on it.
     share, share_error : float
-        Share of all starts, and its standard error as that of a random sample of the plane.
+        Share of all starts, and its standard error as if they were a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
         Over whole cycles of the start that converged best; of a chaotic motion over the samples of
         all its starts; NaN without a steady motion.
     errors : dict of str to float
-        Errors of these three: what is left of the transient, or of a chaotic motion the standard
-        error, and what the steps cost; NaN if the samples are too few.
+        Errors of these three: the remaining transient, or of a chaotic motion the standard
+        error, and the step error; NaN if the samples are too few.
     points : ndarray, shape (n, 2)
         Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
     """
@@ -186,7 +187,7 @@ class _Onwards(NamedTuple):
         if not len(places):
             return
         # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
-        # capacitors and inductors have states of their own, so runs restart.
+        # capacitors and inductors have states too, so runs restart.
         if self.scene.load.is_resistor:
             begin, times = self.samples[places, -1, :STATE], total - done
         else:
@@ -217,8 +218,8 @@ def _pieces(scene, engine, version, starts, periods, kept):
 def orbits_of(
     scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, behind them
-    what the other starts do, and each start's place in these (−1: not followed)."""
+    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, followed by
+    the kinds of the other starts, and each start's index in these (−1: not followed)."""
     samples = yield from following(scene, engine, version, starts, periods)
     groups = _groups(samples)
     motions = yield from _cycles(scene, engine, version, starts, samples, groups, periods)

@@ -6,7 +6,7 @@ c_i: a with b's value of i. First-order index (Saltelli et al., Comput. Phys. Co
 
     S_i = ⟨y(b) [y(c_i) − y(a)]⟩ / Var,    T_i = ½⟨[y(a) − y(c_i)]²⟩ / Var.
 
-A simulation gives Y = y + e with an error e of mean 0. Put in as they are, Y² and [Y(a) − Y(c_i)]²
+A simulation gives Y = y + e with an error e of mean 0. Used unchanged, Y² and [Y(a) − Y(c_i)]²
 bring ⟨e²⟩ along: total indices and the variance come out too large, first-order ones too small.
 So every device is simulated twice, on noise that is independent between the two replicates, and
 each product takes one factor from either: ⟨Y' Y''⟩ = y² + y⟨e'⟩ + y⟨e''⟩ + ⟨e' e''⟩ = y², and
