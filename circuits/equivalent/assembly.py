@@ -209,7 +209,7 @@ def assemble(
     integrator : str
         A name in `INTEGRATORS`.
     save : sequence of str
-        Vectors that ngspice keeps in its memory; what streams out needs none.
+        Vectors that ngspice keeps in its memory; streamed ones are not kept.
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
         `circuits.equivalent.compact_model`.

@@ -56,7 +56,7 @@ def stand_alone(
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
-        Relative tolerance of ngspice's step control; None: its own default, or what a load
+        Relative tolerance of ngspice's step control; None: its default, or the one that a load
         with diodes needs.
     integrator : str
         See `circuits.equivalent.assembly.assemble`.
@@ -177,7 +177,7 @@ def _check_step(contact_time, step):
 
 
 def _header(before, scene, netlist, scales):
-    """The netlist's first part, with what a reader by hand needs to know."""
+    """The netlist's first part, with notes for readers."""
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
@@ -195,7 +195,7 @@ def _reading(scene, netlist, scales):
     """Lines that explain the nodes: quantity and unit of each."""
     si = scene.units == "SI"
     volts = "volts" if si else "scaled"
-    shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"
+    shaken = f"v({BASE}): voltage of the base's acceleration in series with the piezo, {volts}"
     return [
         f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
         f"v(velocity): X' over {netlist.rate!r} per second",

@@ -46,5 +46,5 @@ and names the function that does each thing. Read the modules in this order.
    takes the method's error of frequency away.
 
 A realization's state is `stage.State`. `engine.integrate` hands its points to the estimators, and
-says by name what stopped a run.
+names the reason that stopped a run.
 """

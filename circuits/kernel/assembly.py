@@ -38,7 +38,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     Raises
     ------
     LoadError
-        The load holds what the compiled engine does not take; the message says where.
+        The load has an element that the compiled engine does not support; the message names it.
     """
     scales, load, network = ready.scales, ready.scene.load.circuit, ready.network
     b = Builder()

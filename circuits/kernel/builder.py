@@ -165,7 +165,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 
 
 def _starts(b, n):
-    """y at the beginning without the transducer's state, and what one unit of it adds: (2, n).
+    """y at the beginning without the transducer's state, and its change per unit of it: (2, n).
 
     Voltages that sources set are kept exactly. Capacitors' voltages and inductors' currents are as
     given; where these contradict each other, the largest elements have the greatest weight. The
@@ -191,7 +191,7 @@ def _starts(b, n):
 
 
 def _set_voltages(b, n):
-    """Rows of the branches that set a voltage and hold no flux, and what they set at time 0."""
+    """Rows of the branches that set a voltage and hold no flux, and their values at time 0."""
     chosen = []
     for name, row_of_branch in b.unknowns.items():
         entries = {column: e for (row, column), e in b.entries.items() if row == row_of_branch}

@@ -11,7 +11,7 @@ function has the arguments of `circuits.kernel.emitter`:
 - ``again``: the same of the second stage, with the first one's `stored` for the rates.
 - ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
 - ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages
-  further ahead by a share of what they moved.
+  further ahead by a share of their movement.
 - ``conclude``: `new_rates` and `error` of a step, from δ, the weight of the first stage in the
   second and the length.
 - ``error``: `filtered` from `error`; gives the energy of the error.
@@ -49,7 +49,7 @@ class Shape(NamedTuple):
     Attributes
     ----------
     entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
-    traits : what each junction has, see `junction.traits`.
+    traits : features of each junction, see `junction.traits`.
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
     rows, columns : row and unknown at each position of the elimination.
     linear : unknowns before the core.
@@ -71,7 +71,7 @@ class Shape(NamedTuple):
 
 
 class Code(namedtuple("Code", "factor predict begin again iterate finish conclude error accept")):
-    """Addresses of a circuit's compiled functions; the module's head says what each does."""
+    """Addresses of a circuit's compiled functions, which the module's docstring describes."""
 
 
 def code_of(tables: Tables, order: Order) -> Code:
@@ -154,7 +154,7 @@ def _begin(e: Emitter, shape: Shape) -> None:
 
 
 def _again(e: Emitter, shape: Shape) -> None:
-    """Write `again`: the second stage's right-hand side, from what the first stage has stored."""
+    """Write `again`: the second stage's right-hand side, from the first stage's results."""
     at, n = shape.layout, len(shape.rows)
     stored = [e.load(at.stored + i) for i in range(n)]
     for i in range(n):
@@ -338,7 +338,7 @@ class _Group(NamedTuple):
     Attributes
     ----------
     first, width : the first of them, and how many they are.
-    traits : what all of them have.
+    traits : their common features.
     """
 
     first: int

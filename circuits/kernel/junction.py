@@ -131,7 +131,7 @@ def slope(row: np.ndarray, voltage: float) -> float:
 def _at_breakdown(given, saturation, row, volts):
     """Current (A) at the breakdown voltage.
 
-    The current given, of any area, less what the saturation current takes of it in ngspice's
+    The given current, of any area, less the saturation current's part of it in ngspice's
     condition at the voltage where that alone flows.
     """
     onset = row[BREAKDOWN]

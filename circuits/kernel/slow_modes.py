@@ -1,4 +1,4 @@
-"""How a load's stores relax: its small-signal network about what its nodes are on average."""
+"""Relaxation of a load's stores: its small-signal network about the mean node voltages."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
     Returns
     -------
     ndarray, shape (len(levels), len(levels))
-        Levels by rates (s): the inverse of the conductances times the capacitances. What nothing
-        discharges keeps its charge. Its eigenvalues are the relaxation times.
+        Levels by rates (s): the inverse of the conductances times the capacitances. A level that
+        nothing discharges keeps its charge. Its eigenvalues are the relaxation times.
 
     Elements that the compiled engine does not take count as blocking.
     """

@@ -93,7 +93,7 @@ class State(
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the expression graph.
     jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
-    passing : (k,) what passes 0 where a source jumps, at the step's beginning.
+    passing : (k,) quantities that pass 0 when a source jumps, at the step's beginning.
     scalars : (1,) of `SCALARS`.
     """
 
@@ -258,7 +258,7 @@ def solve_stage(
         Slot of the factors, from `slot_of`.
     delta, time : float
     x_base : float
-        X less what δ X' adds in the stage.
+        X less the part of δ X' in the stage.
     zone : (bool, float, float, float)
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float

@@ -245,7 +245,7 @@ def _longest(device, tables, state, zone, noise, remaining, step, steps_per_cont
 def _find_step(device, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
     """A step that is short enough for its error, the end of its zone and the switches.
 
-    Returns its length (−1: none is), the new X, the square of its error against what it may be, the
+    Returns its length (−1: none is), the new X, the square of its error over the tolerance, the
     transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
     source jumps.
     """
@@ -403,7 +403,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     bool, float, float, float, float
         Whether Newton's iterations converged, the energy of the step's error, the energy that a
         step of backward Euler moves from part to part (0 for other steps), the new X, and the error
-        of what controls the switches over what it may be.
+        of the switches' controls over the tolerance.
     """
     y, scalars, code, memory = state.y, state.scalars[0], state.code, state.address
     n, row_unit = y.size, probes.units[4]

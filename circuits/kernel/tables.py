@@ -43,13 +43,13 @@ class Tables(
     graph : (k, 4) operations, `graph_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
         `inputs` (k, 3) which of them, place in the graph, unknown; `zero_crossings` (k,) places of
-        what passes 0 where one jumps.
+        quantities that pass 0 when one jumps.
     retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents
         that its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether an element there is nonlinear.
     own : (k, 2) unknowns of a self-oscillating load, whose tolerance is relative to their
         own size, and 1 for a current.
-    start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
+    start : (2, n) y at the beginning, and its change per volt or ampere of the transducer's state.
     """
 
 

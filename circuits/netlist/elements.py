@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from circuits.netlist.expression import Tree
 from circuits.netlist.waveform import Waveform
 
-# What a refused current's message advises.
+# Advice in the message on a refused current.
 AMMETER = (
     "SPICE knows the currents of V, E, H, L and of B with v= alone; for another element, insert a "
     "source of 0 V in series (V1 a b 0) and use i(V1)"
@@ -39,8 +39,8 @@ class Element(NamedTuple):
     where : "file:line".
     value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
         a controlled source its gain, of a constant source V or A.
-    numbers : what else the element says, "m" and "ic" among it.
-    model, wave, expression : of what has one; its expression is in volts, amperes or seconds.
+    numbers : other parameters of the element, such as "m" and "ic".
+    model, wave, expression : if it has one; its expression is in volts, amperes or seconds.
     controls : full names of the sources or coils that control it.
     flags : "on" or "off".
     voltage : whether an expression or a gain sets a voltage, not a current.
@@ -70,7 +70,7 @@ class Element(NamedTuple):
 
     @property
     def written_letter(self) -> str:
-        """The letter in its file, where what it is made of is another element here."""
+        """The letter in its file, if it is represented by another element here."""
         return self.name.rpartition(".")[2][0]
 
     @property

@@ -54,7 +54,7 @@ class Content(NamedTuple):
 
 
 class Expansion:
-    """Counts what a file's sub-circuits expand to; each is looked at once.
+    """Counts the elements that a file's sub-circuits expand to; each is visited once.
 
     Parameters
     ----------

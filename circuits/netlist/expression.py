@@ -45,7 +45,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
 }
 # The names among them that ngspice lacks, or gives another meaning.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
-# Functions of other SPICEs without an equivalent here, and what to write instead.
+# Functions of other SPICEs without an equivalent here, and their replacements.
 ELSEWHERE = {
     "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
     "atan2": "atan(y/x), the quadrant by a condition",
@@ -325,7 +325,7 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
 
 
 def replaced(tree: Tree, change: Callable[[Tree], Tree]) -> Tree:
-    """A tree with each of its leaves replaced by what `change` makes of it."""
+    """A tree with each of its leaves replaced by `change(leaf)`."""
 
     def made(node: Tree, parts: list[Tree]) -> Tree:
         return (*node[: len(node) - len(parts)], *parts) if parts else change(node)

@@ -31,7 +31,7 @@ def outermost(root: Subcircuit, name: str, given: dict[str, float]) -> Scope:
 
 
 def elements(scope: Scope) -> Iterator[Element]:
-    """All elements of a sub-circuit and of what it calls, in order.
+    """All elements of a sub-circuit and of the sub-circuits it calls, in order.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _switch(line):
 
 
 def _source(line):
-    """A constant, or a waveform; what the small-signal analysis takes does not count."""
+    """A constant, or a waveform; small-signal parameters (ac) do not count."""
     words = [word for word in line.rest if word not in ("(", ")", ",")]
     constant, kind, amounts, position = None, None, [], 0
     while position < len(words):

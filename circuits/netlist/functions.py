@@ -250,7 +250,7 @@ COMPILED = (
     value, _arithmetic, divisor, _piecewise, _elementary, _of_a_range, slope, _slopes_of_two,
     _slope_of_one,
 )  # fmt: skip
-# Names of constants. What changes with time is not among them.
+# Names of constants. Quantities that change with time are not among them.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,
     "planck": 6.62607004e-34, "c": 2.99792458e8, "kelvin": -273.15, "temper": 27.0,

@@ -34,8 +34,8 @@ _CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
 
 
 class Imported(NamedTuple):
-    """A load's statements, each with its place in the schematic's netlist, and what was rewritten
-    for it, one line each."""
+    """A load's statements, each with its line in the schematic's netlist, and notes on the
+    rewritten ones, one line each."""
 
     cards: tuple[Card, ...]
     rewritten: tuple[str, ...]
@@ -213,7 +213,7 @@ def _check_ground(topology, pins):
 
 
 def _currents(topology, gone):
-    """What replaces i(NAME): (voltage, resistance), or the reason why nothing can."""
+    """Replacement of i(NAME): (voltage, resistance), or the reason why there is none."""
     expressions: dict[str, tuple[str, str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()

@@ -1,4 +1,4 @@
-"""A load that was read: its elements, and what follows from them alone."""
+"""A load that was read: its elements and properties that follow from them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LoadCircuit:
     ambiguity : str
         A note on expressions that another SPICE reads otherwise; empty if there are none.
     source : (Path, tuple of circuits.netlist.reader.Card)
-        Its file and the cards that were read there, includes in: what `read_load` takes again.
+        Its file and the cards that were read there, includes in: an argument of `read_load`.
     """
 
     text: str
@@ -140,7 +140,7 @@ class LoadCircuit:
 
     @cached_property
     def levels(self) -> tuple[str, ...]:
-        """Nodes and currents that determine what its stores hold, see `circuits.netlist.stores`."""
+        """Nodes and currents that determine its stored energy, see `circuits.netlist.stores`."""
         return levels_of(self.elements, self.stores)
 
     @property
@@ -172,7 +172,7 @@ class LoadCircuit:
 
     @cached_property
     def coupled(self) -> frozenset[str]:
-        """Nodes of what can exchange energy with its pins, see `circuits.netlist.supplies`."""
+        """Nodes of elements that exchange energy with its pins, see `circuits.netlist.supplies`."""
         return coupled(self.elements)
 
     @cached_property

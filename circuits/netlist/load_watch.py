@@ -27,7 +27,7 @@ class Watch(NamedTuple):
     ----------
     unknowns : tuple of str
         A node's full name, "i(name)" or ground, two for each switch and then two for each
-        capacitor and coil: what counts is the first less the second (V or A).
+        capacitor and coil: the level is the first less the second (V or A).
     switches : tuple of (float, float, bool)
         Control above which each closes, that below which it opens, whether it is closed at first.
     stores : tuple of (float, bool)

@@ -57,7 +57,7 @@ class Measurement:
     pins : tuple of str
         Watched nodes that are pins of the load.
     energy : ndarray
-        What the load stores (J), as a quadratic form of the first levels.
+        Energy stored in the load (J), as a quadratic form of the first levels.
     """
 
     rows: tuple[tuple[str, str], ...] = ()
@@ -175,7 +175,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
 
 
 def energy_of(load: LoadCircuit) -> np.ndarray:
-    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
+    """Energy of the capacitors and coils of a load (J), as a quadratic form of its levels.
 
     Elements whose value is an expression, and elements of logic signals, are left out.
     """

@@ -97,7 +97,7 @@ def has_tree(wave: Waveform) -> bool:
 
 
 def wave_tree(wave: Waveform) -> Tree:
-    """A waveform as an expression of the time; what it holds between its corners is exact."""
+    """A waveform as an expression of the time; exact between its corners."""
     n = [("number", value) for value in wave.numbers]
     time: Tree = ("time",)
     if wave.kind == "pwl":

@@ -1,6 +1,6 @@
 """Netlist files as cards: comments, continuation lines and includes resolved, nothing judged yet.
 
-Reads what LTspice and ngspice write. A load from elsewhere is data, so an include stays within the
+Reads netlists of LTspice and ngspice. A load from elsewhere is data, so an include stays within the
 folder of the file that the user named, or is one of this project's own, named without a folder.
 """
 
@@ -41,13 +41,13 @@ class Card(NamedTuple):
 
 
 def read_cards(path: Path, text: str | None = None) -> list[Card]:
-    """Cards of a netlist file and of what it includes, in order.
+    """Cards of a netlist file and of its includes, in order.
 
     Parameters
     ----------
     path : Path
     text : str, optional
-        What the file is to hold; it is then not read.
+        Content of the file, which is then not read.
 
     Raises
     ------
@@ -135,8 +135,7 @@ class _Reader:
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(
-                f"{place}: more than {MOST_BYTES // 1000} kB with what it includes: no load's "
-                "netlist"
+                f"{place}: more than {MOST_BYTES // 1000} kB with its includes: no load's netlist"
             )
         return _decoded(content)
 

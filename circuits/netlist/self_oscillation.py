@@ -41,7 +41,7 @@ MOST_UNKNOWNS = 300
 
 
 class SelfOscillation(NamedTuple):
-    """What a load does with the device at rest.
+    """Behaviour of a load with the device at rest.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ AT_REST = SelfOscillation()
 
 
 def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
-    """What a load does with the device at rest."""
+    """Behaviour of a load with the device at rest."""
     # Only a source, a gain or a negative part keeps something moving.
     driving = (
         element.delivers
@@ -343,7 +343,7 @@ class _Circuit:
         return -1
 
     def _modes(self, y, closed):
-        """Rates of the modes (1/s), and what each moves: all unknowns, and what stores hold."""
+        """Rates of the modes (1/s), and their shapes: all unknowns, and charges of the stores."""
         _, slope = self._currents(y, closed, True)
         moved = np.linalg.solve(slope, self._ends @ self._sizes)
         times, shapes = np.linalg.eig(self._ends.T @ moved)

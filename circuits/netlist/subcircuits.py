@@ -100,7 +100,7 @@ def read_load(
     parameters : dict of str to (float or str), optional
         Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
     cards : sequence of Card, optional
-        What was read of the file before: it is not read again.
+        Cards of the file from an earlier reading: it is not read again.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def _vet(circuit):
 
 
 def _vetted(card, circuit, scope):
-    """(card, words) of one element; a call is checked against what it calls."""
+    """(card, words) of one element; a call is checked against its sub-circuit."""
     if not card.text.startswith("x"):
         return card, vet_element(card, scope)
     words = re.sub(r"\bparams:\s*", "", card.text).split()

@@ -1,7 +1,8 @@
 """Sources within a load that may deliver energy from nothing, and the power that each takes.
 
-A converter is often a pair of sources, of which one takes what the other delivers. Sources that
-depend on each other's ends, or of which one depends on the other's current, count together.
+A converter is often a pair of sources, one of which takes the power that the other delivers.
+Sources that depend on each other's ends, or of which one depends on the other's current, count
+together.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ def supplies_of(
 ) -> tuple[Measure, ...]:
     """The power that each group of sources of a load takes, as measures of special kinds.
 
-    A constant voltage source stores what it takes, as a battery does, unless a measure of the file
-    counts its current as an output or a loss.
+    A constant voltage source stores its energy input, as a battery does, unless a measure of the
+    file counts its current as an output or a loss.
     """
     sources = {element.name: element for element in elements if _may_supply(element)}
     booked = {

@@ -1,4 +1,4 @@
-"""Which comparisons of a load make a current or voltage jump when what they compare passes."""
+"""Comparisons of a load that make a current or voltage jump when they change."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
 WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
 FLAGS = {"on", "off", "nchan", "pchan"}
-# For each element's letter its number of nodes, and what follows them.
+# For each element's letter its number of nodes, and the words after them.
 ELEMENTS = {
     "r": (2, "value"), "c": (2, "value"), "l": (2, "value"), "k": (0, "coupling"),
     "d": (2, "model"), "q": (3, "model"), "j": (3, "model"), "m": (3, "model"),
@@ -380,7 +380,7 @@ def _controlled(card, rest, scope):
     *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
     check_nodes(card, controls)
     if len(controls) != (2 if card.text[0] in "eg" else 1):
-        refuse(card, f"{card.text[:50]!r}: takes what controls it, and a gain")
+        refuse(card, f"{card.text[:50]!r}: needs its controlling nodes or source, and a gain")
     return [*controls, check_value(card, gain, scope), *many]
 
 

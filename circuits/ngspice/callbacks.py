@@ -176,14 +176,14 @@ def _fast(state, h):
 def _slowed(state, h):
     """Share by which the clock is slowed at the end of a step of h.
 
-    A step takes the mean of its two ends; what it leaves is owed to the next.
+    A step takes the mean of its two ends; the remainder is added to the next.
     """
     return _fast(state, h) + state.owed * state.steps_per_sample / state.spacing
 
 
 @compiled
 def _slowing(state, copy, h, displaces):
-    """What slows a copy's displacement, or its velocity, at the end of a step of h.
+    """Pre-warping source of a copy's displacement, or velocity, at the end of a step of h.
 
     Both are predicted for a motion at the line. Slowing one alone would pump energy, since steps
     are short at one phase of the motion.
@@ -306,7 +306,7 @@ def _resolved(state, s, copy, row, ahead, step):
 
 @compiled
 def _load_step(state, copy, points, step, longest):
-    """Longest step from an accepted point that resolves what the load of a copy does."""
+    """Longest step from an accepted point that resolves the load of a copy."""
     count, size = state.count, state.points
     times = carray(_pointer(state.times), size, np.float64)
     memory_shape = (state.copies, state.switch_count + 1)

@@ -136,7 +136,7 @@ def _require_own(folder):
 
 
 def _is_whole(path):
-    """Whether a file is what its name says, and nobody else's."""
+    """Whether a file's content matches the digest in its name, and it is the user's."""
     if path.is_symlink() or not path.is_file() or foreign_writers_of(path):
         return False
     return path.stem.partition("-")[2] == _digest(path.read_bytes())

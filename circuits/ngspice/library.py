@@ -85,7 +85,7 @@ def no_initialisation_files() -> Iterator[None]:
     """ngspice finds none of its initialisation files while it starts within the block.
 
     It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
-    and at home, and reads the first of these. Home is what the system's list of users says, not
+    and at home, and reads the first of these. Home follows from the system's list of users, not
     HOME: an empty one in the working folder keeps it from there.
     """
     before = dict(os.environ)

@@ -1,4 +1,4 @@
-"""Steps that resolve what a load does: its switches' turns, its capacitors' and coils' exchanges.
+"""Steps that resolve a load: switching events, and exchanges of capacitors and coils.
 
 ngspice's own control by the local error asks of every capacitor and coil the same relative
 accuracy, whatever energy it holds, so that an idle coil's ringing takes most of the steps; and it

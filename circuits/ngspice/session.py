@@ -384,7 +384,7 @@ class Session(NgSpiceShared):
                 give_up(SimulatorAborted(self._said(trouble)))
 
     def _unbounded(self, latest, nodes):
-        """What to say of a load whose voltage grows without bound; empty for others."""
+        """Message on a load whose voltage grows without bound; empty for others."""
         if np.abs(nodes[:, :, callbacks.TERMINAL]).max(initial=0.0) <= LARGEST_VOLTAGE:
             return ""
         self._doing = f"stopped at t = {latest:g}"
@@ -412,7 +412,7 @@ class Session(NgSpiceShared):
         self._announce("was running the netlist")
 
     def _announce(self, doing):
-        """Print what ngspice is about to do: if it crashes, the error quotes this line."""
+        """Print ngspice's next action: if it crashes, the error quotes this line."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
@@ -426,7 +426,7 @@ class Session(NgSpiceShared):
         return (NotConverged if failed else SimulatorAborted)(self._said(reason + advice))
 
     def _said(self, trouble):
-        """ngspice's messages on what went wrong, with the load's own names."""
+        """ngspice's error messages, with the load's own names."""
         trouble = messages.with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
 

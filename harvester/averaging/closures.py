@@ -80,7 +80,7 @@ def average(
     Eq. 26 below the barrier. `consistent` keeps the force −N2 X* of Eq. 11 in the potential, takes
     V about each well's rest position, and lets g = p/T obey d ln g/dH = −B/(πSJ), the flux form,
     where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. The page
-    docs/explanation/theory.md says what these choices change.
+    docs/explanation/theory.md compares these choices.
 
     `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
     contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.

@@ -92,7 +92,8 @@ class GridDensity:
     def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
 
-        Without what alternates from node to node: in a contact the mass is shared unevenly.
+        Without the part that alternates from node to node: in a contact the mass is shared
+        unevenly.
         """
         x, v = (self._evenly(nodes, JOINT_POINTS) for nodes in (self.x, self.v))
         smooth = self.values

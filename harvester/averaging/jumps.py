@@ -1,6 +1,6 @@
 """Rates of jumps between wells, and of the decay of the last memory of a well.
 
-Both are found on each grid of an answer, on finer ones with what the coarser one knows of them.
+Both are computed on each grid of an answer, on finer ones from the coarser grid's values.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class _SlowestDecay(_Found):
         """Correct the state; returns the share of it that a period changes, apart from its decay.
 
         As a change of the eigenvalue acts on the state from which it began, and not on the one that
-        is sought, what is left of a poor state may not be what it was to be.
+        is sought, the error of a poor state may not decay as expected.
         """
         self.state = self._start = self.state / self._part(self.state)
         allowed = tolerance * float(np.linalg.norm(self._start))
@@ -149,7 +149,7 @@ class _SlowestDecay(_Found):
 
 
 class _Jumps(_Found):
-    """Mass by the well whose core it was in last, and what of it jumps.
+    """Mass by the well whose core it was in last, and the part of it that jumps.
 
     The stationary mass p is divided: q_w = outside · P q_w + core_w · p for a step P. What P q_w
     has in another core has jumped.
@@ -187,9 +187,9 @@ class _Jumps(_Found):
             self.counts = self.counts + self.counts[::-1, ::-1]
 
     def _later(self, propagator, outside):
-        """A period later, what has been in a core left out, and a source added at each step.
+        """State one period later, without mass that has been in a core, plus a source at each step.
 
-        After about a period, what has turned round is where it was.
+        After about a period, mass that has turned round is back.
         """
 
         def later(state, source=0.0):

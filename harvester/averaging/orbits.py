@@ -182,7 +182,7 @@ class OrbitFamily:
 
     @property
     def enclosed(self) -> dict[str, np.ndarray]:
-        """∬ 1, X, X² and X'² dX dX' over what each orbit encloses."""
+        """∬ 1, X, X² and X'² dX dX' over the area within each orbit."""
         values = {"1": 1.0, "X": self.x, "X²": self.x**2, "X'²": self.speed**2 / 3.0}
         return {name: self.loop(integrand) for name, integrand in values.items()}
 

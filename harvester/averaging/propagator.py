@@ -1,6 +1,6 @@
 """One step of the Fokker–Planck equation of (X, X', Z, η) on a grid, Z = X − V.
 
-A step is the flow of the device with Z and η held, and then what moves Z and η:
+A step is the flow of the device at constant Z and η, followed by the changes of Z and η:
 
 - flow: the mass of each node goes where the node goes, and is shared there (`flow`);
 - Z' = λ(X − Z): the same along Z, among all its nodes, which are those of Gauss and Legendre.

@@ -247,7 +247,7 @@ class Region(NamedTuple):
             )
 
     def _charges(self, device, nodes, mirrored, step):
-        """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
+        """Nodes of Z: so wide that the mass that a step moves beyond them is bounded."""
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
         nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
@@ -279,7 +279,7 @@ def _nodes(low, high, core, fine, most):
 
 
 def _following(device, half):
-    """Half range of Z: its oscillation at the orbits' frequency, and what the noise adds."""
+    """Half range of Z: its oscillation at the orbits' frequency, plus the noise's part."""
     rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
     intensity, memory = device.noise
     turning = half * rate / np.hypot(rate, frequency)

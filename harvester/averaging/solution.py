@@ -30,7 +30,7 @@ STEPS_OF_STIFFENING = 1.25
 # A contact shorter than a sixth of a period shortens the step, at most by the second factor: during
 # a much shorter contact the noise hardly changes.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
-# The residual of a period, in tolerances, may be this share of what the slowest mode moves in it.
+# Largest residual of a period, in tolerances, as a share of the slowest mode's change in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 # If wells that differ are crossed less often per period than the first, those that hold at least
 # the second share of the time get a direction of their own.
@@ -70,7 +70,7 @@ class StationaryProblem:
 
 
 class Solution:
-    """Stationary state on one grid: what a period leaves as it is.
+    """Stationary state on one grid: a period leaves it unchanged.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ class Solution:
 
     def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""
-        # The first period on a new grid removes what the interpolation between grids added.
+        # The first period on a new grid removes the error of interpolation between grids.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
         # Jumps are slow against all else: many other directions would not represent them.

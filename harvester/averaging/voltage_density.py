@@ -12,7 +12,8 @@ from scipy.ndimage import convolve1d, map_coordinates
 
 from harvester.averaging.flow import PhaseGrid
 
-# This filter removes what changes sign from node to node, and keeps moments up to the third.
+# This filter removes components that change sign from node to node, and keeps moments up to the
+# third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 # Number of voltages X − Z at which the density is tabulated.
 VALUES = 481

@@ -3,7 +3,7 @@
 ============  =====================================  ==========================================
 decorator     for                                    why
 ============  =====================================  ==========================================
-compiled      what Python or several callers call    kept on disk
+compiled      called by Python or several callers    kept on disk
 uncounted     a loop that makes and keeps no array   counting references costs more than its work
 merged        a part of one loop, given a device     LLVM writes it into its caller, without the
                                                      branches that a known argument rules out
@@ -145,7 +145,7 @@ def compiled_sources() -> list[Path]:
 
 
 def _imports(text):
-    """Names of modules, and of what may be one, that a file imports at its head."""
+    """Names of modules, and of possible modules, that a file imports at its head."""
     names = set()
     for module, members in IMPORT.findall(text):
         names.add(module)
@@ -156,7 +156,7 @@ def _imports(text):
 def forget_stale_code() -> None:
     """Drop compiled code when a source that it is made of has changed since it was written.
 
-    numba looks at the file of the function alone, not at what the function calls elsewhere: a
+    numba checks the file of the function alone, not the functions that it calls elsewhere: a
     changed force law would go on being compiled into an unchanged integrator.
     """
     digest = hashlib.sha256()

@@ -48,7 +48,7 @@ class LoadError(HarvesterError):
 
 
 class ExportError(HarvesterError):
-    """A scene cannot be written as what was asked for."""
+    """A scene cannot be written in the requested format."""
 
 
 class OutputError(HarvesterError):

@@ -18,7 +18,7 @@ def load_matplotlib() -> None:
 
     It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
     damaged would end every figure, and a pipe in its place would be waited for without end. Who
-    imports matplotlib first has what those files say.
+    imports matplotlib first has the settings of those files.
     """
     if "matplotlib" not in sys.modules:
         with _variables(MATPLOTLIBRC=os.devnull, MPLBACKEND=None), away_from_working_folder():

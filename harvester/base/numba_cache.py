@@ -1,4 +1,4 @@
-"""Where numba keeps what it has compiled, and whether to believe it: it is pickled machine code.
+"""Folder of numba's compiled code, and whether it is safe: it is pickled machine code.
 
 Nothing of numba is changed here: `harvester.base.numba_patches` does that.
 """

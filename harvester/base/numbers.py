@@ -15,7 +15,7 @@ _NUMBER = re.compile(
 
 
 class NotANumber(ValueError):
-    """A text is no number, or one with two readings; the message says what to write."""
+    """A text is no number, or is ambiguous; the message gives the correct form."""
 
 
 def is_real(value: object) -> bool:

@@ -27,14 +27,14 @@ LONGEST_SHOWN = 80
 LONGEST_NUMBER_BITS = 128
 # Limits on the words that are compared: the time is proportional to the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
-# A known word is suggested when it shares at least this part of its letters with what was written.
+# Share of common letters from which on a valid word is suggested.
 LEAST_COMMON_SHARE = 0.5
 
 
 def one_line(text: object) -> str:
     """Printable text on one line.
 
-    Blanks of every kind become a space, and what cannot be printed (control characters, marks that
+    Blanks of every kind become a space, and unprintable characters (control characters, marks that
     turn the direction of writing, undecodable bytes) its escape.
 
     Examples

@@ -1,4 +1,4 @@
-"""Frozen dataclasses as plain values for JSON, and back: their fields say what there is.
+"""Frozen dataclasses as plain values for JSON, and back, by the types of their fields.
 
 >>> from dataclasses import dataclass, field
 >>> @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 
-# For each type of a plain value a test of it, and what a value must be.
+# For each type of a plain value a test of it, and its name for messages.
 _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
     str: (lambda value: isinstance(value, str), "a text"),
     float: (is_real, "a number"),
@@ -83,7 +83,7 @@ class NotAValue(Exception):
 
 
 def read(kind: Any, value: Any, where: str) -> Any:
-    """A value of an annotated type, from what `plain` made of it.
+    """A value of an annotated type from its plain form, the inverse of `plain`.
 
     Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
     defaults, and so have those that are missing.

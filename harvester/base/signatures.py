@@ -42,7 +42,7 @@ class Kind:
     metavar : str
         Placeholder of the value in a command's help; FILE and DIR are completed by the shell.
     required : str
-        Text: what a value must be.
+        Description of valid values.
     holds : callable or None
         Function that tells whether a value is allowed; None: all are.
     option : str

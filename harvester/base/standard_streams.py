@@ -73,7 +73,7 @@ class GuardedStream:
                 action()
             except OSError as error:
                 self.failure = error
-                # What the stream still holds goes nowhere, or Python would fail on it at the end.
+                # Discard the stream's buffer, or Python would fail on it at exit.
                 with contextlib.suppress(OSError):
                     _open_nowhere(self._stream.fileno())
                     self._stream.flush()

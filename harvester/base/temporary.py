@@ -51,7 +51,7 @@ class TemporaryFolder:
         self.cleanup()
 
     def cleanup(self) -> None:
-        """Remove the folder with what is in it."""
+        """Remove the folder with its content."""
         self._end()
 
 

@@ -23,7 +23,7 @@ PREFIXES = ("LC_", "NUMBA_")
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 # The worker imports harvester's own packages from where the caller has them, before anything else
-# is on its path: what they import of Python's own library at their head is imported before.
+# is on its path: modules of the standard library that they import are imported before.
 # Packages that its environment lacks are searched where the caller finds them.
 _START = f"""\
 import __future__, importlib.util, json, os, sys, warnings

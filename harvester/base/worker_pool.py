@@ -121,7 +121,7 @@ class WorkerPool:
     ) -> Future:
         """One call as with `keep_going` in `map`; returns its Future.
 
-        `report` is given what the function reports, in a thread of the pool.
+        `report` is called with the function's reports, in a thread of the pool.
         """
         return self._begin(call_twice, function, arguments, time_limit, report)
 

@@ -62,7 +62,7 @@ class Worker:
         time_limit : float or None
             Wall-clock seconds after which the process is killed; compilation does not count.
         on_progress : callable or None
-            Given what the function reports; the latest report is also kept for errors.
+            Called with the function's reports; the latest report is also kept for errors.
 
         Raises
         ------

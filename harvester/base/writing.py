@@ -43,7 +43,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
     follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
     standard output.
 
-    Raises OutputError if nothing can be written there; what was there stays.
+    Raises OutputError if nothing can be written there; an existing file stays.
     """
     content = io.BytesIO()
     yield content
@@ -82,7 +82,7 @@ def is_stream(path: str | Path) -> bool:
 
 
 def check_writable(path: str | Path) -> None:
-    """Refuse early what could not be written after a long run."""
+    """Raise early if a result could not be written after a long run."""
     if path is None:
         return
     with _named(path):

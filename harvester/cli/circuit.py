@@ -71,8 +71,8 @@ def export(
     scene : Scene
     kind : str
         deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
-        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
-        the load takes over time.
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd,
+        voltage and current of the load over time.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Command:
     """A function as a command; if it returns a result, this is shown and written.
 
-    A function with the parameter `progress` is given what draws the progress bar, one with
-    `**running: Unpack[RunnerOptions]` an open runner.
+    A function with the parameter `progress` is given a function that draws the progress bar, one
+    with `**running: Unpack[RunnerOptions]` an open runner.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Command:
                 text = "Write a realization over time (see --window, --node): a .csv, .nc or .png"
                 yield Option.of("waveform", File), f"{text} file."
             yield Option.of("report", File), "Write one self-contained HTML page with everything."
-        yield Option.of("quiet", bool, False), "Show errors only, and what goes to -."
+        yield Option.of("quiet", bool, False), "Show errors only, and output to -."
 
     def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
         """The function that cyclopts reads the options from; `scenes`: see `parameter_of`."""

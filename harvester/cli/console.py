@@ -1,4 +1,4 @@
-"""What the command line shows: tables, and a progress bar on a terminal."""
+"""Output of the command line: tables, and a progress bar on a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands share: open a runner, check where files go, show and write a result."""
+"""Shared by commands: open a runner, check output paths, show and write a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
-    """A runner for the block, see `harvester.open_runner`; afterwards says what to do next."""
+    """A runner for the block, see `harvester.open_runner`; afterwards prints the next step."""
     from harvester.engines.opening import open_runner
 
     try:

@@ -242,7 +242,7 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 def arrival_formula(
     contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
-    """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
+    """2 [U(x) − U(s gap)]/rate², the speed² that reaches one stopper, as an expression."""
     return spring.gain_formula(x, s * contact.gap, rate, number)
 
 

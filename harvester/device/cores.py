@@ -1,6 +1,6 @@
 """Cores of a device's wells: states in which a well holds the mass, as opposed to a brief crossing.
 
-A mass that passes a saddle may turn back at once, or go to and fro over it until it has lost what
+A mass that passes a saddle may turn back immediately, or cross it repeatedly until it has lost its
 excess energy. It has reached a well when it moves between the adjacent saddles with no
 more than `CORE_SHARE` of the energy that leads out of it; a jump is the way from one core to
 another. Wherever wells hold a mass for long, the rate of jumps does not depend on that share.

@@ -40,12 +40,12 @@ class Key:
     text
         Describes it, first by a short name up to a colon.
     unit, scaled
-        Unit in SI; what it is in scaled scenes.
+        Unit in SI; unit in scaled scenes.
     kind
         float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict for a
         table with a `kind`.
     element, count
-        Of a list: what each value is, and the fewest and the most of them.
+        Of a list: meaning of a value, and the smallest and largest number of values.
     likely
         Sizes that a part can have, with the unit that is often given in place of the key's: its
         factor and name.
@@ -245,7 +245,7 @@ def computed(part: Any) -> list[str]:
 def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCALED) -> Any:
     """The value of one key, numbers as float or int.
 
-    Raises SceneError if it is not what the key accepts.
+    Raises SceneError if the key does not accept it.
     """
 
     def refuse(reason=""):

@@ -175,7 +175,7 @@ class PiezoTable(TransducerTable):
     def network(self, setting: Setting, equations: Piezo | BaseForcedPiezo, rate: float) -> Network:
         """Capacitance, the current that the velocity drives into it, the force back, the leak.
 
-        What the base's acceleration adds is a voltage in series with the capacitance.
+        The base's acceleration adds a voltage in series with the capacitance.
         """
         volts, power_unit, charge, capacitance = 1.0, equations.coupling, 1.0, 1.0
         if setting.units == SI:

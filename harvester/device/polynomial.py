@@ -223,7 +223,7 @@ def _in_squares(coefficients, square):
 
 
 def in_powers(coefficients: list[Any] | tuple[float, ...], x: Values) -> Values:
-    """Σ coefficients[m] x^2m, each power by two products: what the force and its slope use."""
+    """Σ coefficients[m] x^2m, each power by two products, for the force and its slope."""
     total = 0.0 * x
     for coefficient in reversed(coefficients):
         total = coefficient + total * x * x

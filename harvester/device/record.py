@@ -20,15 +20,15 @@ class Record(NamedTuple):
     load_power
         Power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power
-        η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
+        η X', the power from the base (Eq. 33), and on a piezo's charge −βκ η W' (see
         `harvester.device.piezo.BaseForcedPiezo`).
     loss_power
-        What damper, contacts and the transducer's own resistance take, for a piezo
+        Power lost in damper, contacts and the transducer's internal resistance, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss
         The part of it in leak or winding.
     transducer_state
-        What the transducer stores its energy in, V of a piezo, or its W.
+        State that holds the transducer's energy, V of a piezo, or its W.
     """
 
     time: np.ndarray

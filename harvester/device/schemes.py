@@ -15,7 +15,7 @@ LARGEST_DECAY = 1.0
 
 
 class Scheme(enum.Enum):
-    """How a step of Eq. 4 is taken; the value is what results call it."""
+    """Schemes for a step of Eq. 4; the value is the name in results."""
 
     RUNGE_KUTTA = "Runge-Kutta 4"
     HEUN = "Heun 2"

@@ -31,8 +31,9 @@ STIFFNESS_POINTS = 201
 class Ranged(NamedTuple):
     """Another spring between two displacements, such as one that softens.
 
-    Beyond its range it goes on in a straight line that leads back, so that what leaves the range is
-    seen there and is not lost in numbers that overflow; every engine ends the run with an error.
+    Beyond its range it continues as a straight line that leads back, so that a mass that leaves the
+    range is seen there and is not lost in numbers that overflow; every engine ends the run with an
+    error.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """The sum of a device's parts: forces, losses and energies of Eqs. 4, 5 and 33 in scaled form.
 
 Pure functions of a `System` s, displacement x and velocity v; they take floats, also in compiled
-code. Compiled code is made for the parts that a system has: what it lacks leaves nothing behind.
+code. Code is compiled for the parts that a system has; missing parts cost nothing.
 """
 
 from __future__ import annotations

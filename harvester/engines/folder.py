@@ -1,4 +1,4 @@
-"""A study's folder: one run at a time, and what a killed run left aside taken away."""
+"""A study's folder: one run at a time; temporary files of killed runs are removed."""
 
 import contextlib
 import os
@@ -33,7 +33,7 @@ class StudyFolder(os.PathLike):
         return str(self._path)
 
     def hold(self) -> None:
-        """Hold it until `close`, and take away what a killed run left aside; again is free.
+        """Lock the folder until `close`, and remove a killed run's temporary files; repeatable.
 
         Raises FolderInUse, or OutputError if the folder cannot be used.
         """
@@ -131,7 +131,7 @@ def _take_away(folder):
 
 
 def _clean(folder):
-    """Take away what killed runs had not renamed yet; files of other names stay."""
+    """Remove temporary files of killed runs; files of other names stay."""
     for path in (folder, folder / "points"):
         with os.scandir(path) as entries:
             names = [

@@ -27,7 +27,7 @@ DEVICES = ("automatic", "behavioural", "compiled")
 class Engine(Method):
     """One way to simulate realizations of a scene, in a worker process.
 
-    Each method imports its engine when it is called: what needs no SPICE loads none.
+    Each method imports its engine when it is called, so that SPICE is loaded only if needed.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class MonteCarlo(Engine):
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
 
     def check(self, scene: Scene) -> None:
-        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load."""
+        """Raise for scenes without Monte Carlo: a prescribed motion, some elements of a load."""
         from harvester.scene.prepared import prepared
         from harvester.scene.units import require_mass
 

@@ -80,7 +80,7 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
 
-    The last entries are what the other starts do.
+    The last entries are the kinds of the other starts.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
 
 
 class Followed(NamedTuple):
-    """What a study takes from the starts of a run.
+    """Results of the starts of a run, for studies.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The result of a run: estimates, densities and notes from what its realizations recorded."""
+"""The result of a run: estimates, densities and notes from the records of its realizations."""
 
 from __future__ import annotations
 
@@ -166,8 +166,8 @@ def _notes_on_starts(prepared_scene, motions):
     lines = (*repeats, *(motion.sentence(unit) for motion in motions))
     if any(motion.kind == UNDETERMINED for motion in motions):
         lines += (
-            "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
-            "exponent",
+            "whether a motion without a period is chaotic: run.starts = 100 or harvester basins "
+            "give its exponent",
         )
     if scene.run.starts:
         lines += (

@@ -104,7 +104,7 @@ class WaveformWindow(NamedTuple):
 
 
 class WaveformObserver:
-    """Keeps the points of a record between two times, and what a load's output has there."""
+    """Keeps the points of a record between two times, with a load's output."""
 
     def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
         self.start, self.stop = start, stop
@@ -114,7 +114,7 @@ class WaveformObserver:
         self._outputs: list[np.ndarray] = []
 
     def add(self, record: Record) -> None:
-        """Keep what lies in the window."""
+        """Keep the points within the window."""
         if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
             self._inside = np.empty(0, dtype=int)
             return

@@ -40,8 +40,9 @@ OUT_OF_TIME = "the time budget was spent"
 # With a precision: realizations of the first round, and at most of all rounds
 # together.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
-# The next round brings the number of realizations to MARGIN times what the latest error bar asks
-# for, and at most to GROWTH times the present number, since the first error bars are rough.
+# The next round brings the number of realizations to MARGIN times the number that the latest error
+# bar asks for, and at most to GROWTH times the present number, since the first error bars are
+# rough.
 MARGIN, GROWTH = 1.1, 2.0
 
 
@@ -57,7 +58,7 @@ class Request:
         An engine or a closure; its name is taken too.
     precision
         Relative error of each of the quantities that realizations are added for, or None:
-        the standard error, and what the steps may cost.
+        the standard error, and the possible step error.
     quantities
         The precision applies to these; those that the scene does not have are ignored.
     step, tolerance
@@ -130,7 +131,7 @@ class Answer:
         Scaled; `standard_error` is the numerical error for a closure.
     seconds
         Processor time of one core (s).
-    outcome : "complete", or what ended it early.
+    outcome : "complete", or the reason for an early end.
     simulated_time
         Of all realizations (s); 0 for a closure.
     misses_jumps
@@ -265,13 +266,13 @@ def in_rounds(
     precision : float or None
         Relative error that ends it; None: the first round is all.
     judge : callable
-        Given the answers of all tasks so far and what ended them ("" while they go on), returns
-        the estimates and their relative error; 0 where more realizations would not help.
+        Given the answers of all tasks so far and the reason of an end ("" while they go on),
+        returns the estimates and their relative error; 0 if more realizations would not help.
 
     Returns
     -------
     generator
-        Of what `judge` made of the last round.
+        Value of `judge` after the last round.
     """
     had, count, answers, ahead = 0, first, [], 0.0
     while True:

@@ -24,7 +24,7 @@ STEP_ERROR_FACTOR = 10.0
 # energy that flows through it.
 STORED_SHARE_OF_SHORT_RUNS = 0.5
 # A residual is ascribed to load or damper if, over at least this number of realizations, it has at
-# least this correlation with what that part dissipates.
+# least this correlation with the dissipation of that part.
 FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
@@ -56,7 +56,7 @@ def _causes(result):
     if converter and converter.estimate < 0.0:
         yield (
             "the load's output takes more than goes into the load: there is a source in its "
-            "netlist, or its resistors and capacitors are not what was read"
+            "netlist, or its resistors and capacitors differ from the values that were read"
         )
     flow = max(abs(put_in), taken)
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
@@ -76,9 +76,9 @@ def _causes(result):
         share = missing.sum() / next(iter(absorbers.values())).sum()
         names = " or the ".join(absorbers)
         yield (
-            f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it "
-            f"in every realization; the circuit's {names} differs from the one that the power is "
-            "computed with (its value, its parameters, a temperature or a multiplier)"
+            f"the {names}: the missing energy is proportional to its dissipation, {share:+.2g} of "
+            f"it in every realization; the circuit's {names} differs from the one that the power "
+            "is computed with (its value, its parameters, a temperature or a multiplier)"
         )
     load = result.scene.load.circuit
     if load and load.switches and beyond_steps:

@@ -30,7 +30,7 @@ Plan = Generator[Wanted, list, object]
 class Runner:
     """Answers tasks; get one from `open_runner`.
 
-    What a plan asks for next follows from earlier answers alone, and a task's answer from its
+    The next tasks of a plan follow from earlier answers alone, and a task's answer from its
     arguments: so a study that was interrupted ends in the numbers of one that was not, and any
     processes give the same.
 
@@ -94,7 +94,7 @@ class Runner:
 
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
-        """Within the block, reserve this share of the remaining time for what follows it."""
+        """Within the block, reserve this share of the remaining time for later work."""
         deadline, now = self._deadline, time.monotonic()
         self._deadline = now + (1.0 - share) * (deadline - now)
         try:
@@ -146,13 +146,14 @@ class Runner:
         on_end: Callable[[int, object], None] | None = None,
         in_turn: bool = False,
     ) -> list:
-        """Carry out several plans at the same time; returns what each of them returns.
+        """Carry out several plans at the same time; returns the list of their return values.
 
         Parameters
         ----------
         plans : iterable of generator
             Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
-            are there. If a result is None the time is spent: it should return what it has.
+            are there. If a result is None the time is spent: the plan should return a partial
+            result.
         on_end : callable or None
             Given (index, returned value).
         in_turn : bool

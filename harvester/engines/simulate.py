@@ -101,7 +101,7 @@ def simulate(
     executor : concurrent.futures.Executor or None
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
-    runner : WorkerPool or what has one as its `pool`, or None
+    runner : WorkerPool, an object with one as its `pool`, or None
         Running processes to use again (`harvester.base.worker_pool`).
     progress : callable or False or None
         Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
@@ -116,7 +116,7 @@ def simulate(
     HarvesterError
         An unknown name, or no ngspice.
     SimulationError
-        A realization failed, or with `keep_going` all did; `partial` is a Result of what it had.
+        A realization failed, or with `keep_going` all did; `partial` is the Result until then.
 
     Notes
     -----

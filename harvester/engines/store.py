@@ -20,7 +20,7 @@ class AnswerStore:
     Attributes
     ----------
     refused : dict of str to str
-        Keys to one line each: what lay under a task's name and was no answer to it.
+        Messages by key on files with a task's name that were no answer to it.
     passing : int
         Outcomes that a repeated run may not reproduce, and that are therefore not on disk.
     """
@@ -91,7 +91,7 @@ class AnswerStore:
 
 
 def _check(task, answer):
-    """Raise NotAnAnswer where what was read cannot be an answer to this task."""
+    """Raise NotAnAnswer if the content cannot be an answer to this task."""
     if task.misfit is None or isinstance(answer, BaseException):
         return
     try:

@@ -36,7 +36,7 @@ class Task:
     function
         Of a module; called in a worker process as function(report=…, **arguments), where it
         reports a share of 0 … 1 or the moments of its realizations so far; returns
-        what `harvester.engines.codec` knows, and raises a HarvesterError where it fails.
+        values that `harvester.engines.codec` supports, and raises a HarvesterError if it fails.
     arguments
         Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
     version
@@ -46,7 +46,7 @@ class Task:
     time_limits
         How many of the runner's limits on wall-clock time it may take.
     misfit
-        Given an answer that was read, says what cannot be an answer to this; "" where all may.
+        Given an answer that was read, returns why it cannot answer this task; "" if it can.
     """
 
     function: Callable

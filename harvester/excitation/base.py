@@ -238,7 +238,7 @@ class Excitation(Table, ABC):
 
     @abstractmethod
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        """Notes for the result: what must be known of the excitation before citing a number."""
+        """Notes for the result: caveats of the excitation."""
 
     def averaging_refusal(self) -> str:
         """Why stochastic averaging does not apply; empty where it does."""

@@ -219,8 +219,8 @@ class RecordedMotion(Excitation):
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
                 f"the record is used {times:.1f} times over: error bars show how well this "
-                f"record's own mean is known (best over whole repeats of {length:g} s), not what "
-                "another record gives"
+                f"record's own mean is known (best over whole repeats of {length:g} s), not the "
+                "mean that another record gives"
             )
         elif self.transient(run):
             lines.append(
@@ -298,7 +298,7 @@ class RecordPath(ExcitationPath):
 
 class Knots(NamedTuple):
     """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,), their interval
-    (s), and what was mended of the record, in words."""
+    (s), and the repairs of the record, in words."""
 
     values: np.ndarray
     interval: float

@@ -35,7 +35,7 @@ KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
-# A note reports what the filter's blur takes from this share of the mean square on.
+# The blur by the filter is noted if it removes more than this share of the mean square.
 NOTED_LOSS = 0.01
 # Default duration of a burst, in periods of the lowest frequency.
 PERIODS_PER_BURST = 20.0

@@ -58,7 +58,7 @@ class SpectrumFit:
         Shape (n,); Hz; the record's density and the fit, over the compared
         band.
     lowest, highest
-        Hz; the fit takes what lies between, which holds nearly all of the variance.
+        Hz; the fit uses the band between, which has nearly all of the variance.
     device_frequency : Hz, of small oscillations.
     decibels
         The record's density over the fit's in the octave around the device's frequency; nan
@@ -90,7 +90,7 @@ class SpectrumFit:
         differences = []
         if math.isnan(self.decibels):
             differences.append(
-                f"the device's {self.device_frequency:.3g} Hz lie outside what the record shows"
+                f"the device's {self.device_frequency:.3g} Hz lie outside the record's band"
             )
         elif abs(self.decibels) > FAR_DECIBELS:
             differences.append(

@@ -153,7 +153,7 @@ class Sum(Excitation):
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
-        # What holds for one sine holds for the sum only if that repeats itself too.
+        # Properties of one sine hold for the sum only if the sum is periodic too.
         lost = DETERMINISTIC_NOTE if self.random or self.period is None else ""
         return tuple(dict.fromkeys(line for part in lines for line in part if line != lost))
 

@@ -45,7 +45,7 @@ def draw(found: Any) -> Figure:
 
 
 def _response_figure(found, record):
-    """The lines kept aside and what the model says of them; the difference."""
+    """Validation lines, the model's prediction, and their difference."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 4.0))

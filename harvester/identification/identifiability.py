@@ -1,4 +1,4 @@
-"""What the data do not determine: among the fitted values, and of the values taken as known.
+"""Identifiability: undetermined combinations of fitted values, and effects of assumed values.
 
 A null direction of the Jacobian, its columns relative to the values, is a combination of values
 that the data leave open. A sensor's gain, a load's resistance and the mass are assumed exact. The
@@ -66,7 +66,7 @@ class Undetermined:
 
 @dataclass(frozen=True)
 class Assumption:
-    """A value that the fit takes as known, and what an error of it would do.
+    """A value that the fit assumes, and the effect of an error of it.
 
     Attributes
     ----------

@@ -66,11 +66,11 @@ class Identification(ResultBase):
     start : Scene
         The scene that the fit began with.
     fitted : Fitted
-        Values, covariance, and what the model predicts of the data kept aside.
+        Values, covariance, and predictions of the validation data.
     kept : list of (str, Undetermined)
-        Keys that stay as in the scene, and what the records leave open.
+        Keys that stay as in the scene, and undetermined combinations.
     evidence : FitEvidence
-        Validation records, rival models and what else the verdict is given on.
+        Validation records, rival models and the other evidence for the verdict.
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
@@ -386,7 +386,7 @@ class Identification(ResultBase):
 
 
 def _condition(known):
-    """Text: what a value is only as right as."""
+    """Text: the assumed value that limits the accuracy of a value."""
     names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 

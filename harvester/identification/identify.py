@@ -58,7 +58,7 @@ def identify(
         CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration with voltage,
         displacement or velocity; or a frequency response, frequency with amplitude and phase;
         with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
-        sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
+        sampling_rate=HZ, or values that differ from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
         Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
@@ -71,7 +71,7 @@ def identify(
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
         sensor.acceleration_highpass, …); `device` is short for the default: the device's
         own that are not zero, but mass, winding, leak and, without a displacement, the constant
-        force; what the records do not determine then stays as in the scene.
+        force; values that the records do not determine then stay as in the scene.
     keep_aside : as `records`
         Whole records that are not fitted to: each is run from one start under its acceleration, and
         its orbit, rms and power are compared.
@@ -121,7 +121,8 @@ def identify(
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
     scene = scene.without_drawing()
-    # Nor do they determine a frequency, a damping ratio or k² in place of what follows from them.
+    # Nor do they determine a frequency, a damping ratio or k² instead of the values that follow
+    # from them.
     tables = ("oscillator", scene.oscillator), (scene.transducer_name, scene.transducer)
     scene = scene.replace(
         {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}

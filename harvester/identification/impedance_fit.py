@@ -344,7 +344,7 @@ class FromImpedance:
         }
 
     def findings(self, mass_is_free: bool) -> list[str]:
-        """The circuit's numbers, its other modes, and what the impedance leaves open."""
+        """The circuit's numbers, its other modes, and undetermined values."""
         lines = [f"{self.measured.name}: {_in_words(self.parameters())}"]
         for mode in range(self.circuit.modes):
             if mode != self.mode:
@@ -413,7 +413,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     if leaks:
         values["piezo.leakage_resistance"] = 1.0 / (rate * clamped * branch["loss_tangent"])
     scene = scene.replace(values)
-    # What the scene has no part for: other modes, and the loss but for a leak.
+    # Effects without a part in the scene: other modes, and losses other than a leak.
     branches = _branches(measured.frequency, circuit.parameters)
     background = branches.sum(axis=1) - branches[:, 1 + mode]
     background -= 2j * math.pi * measured.frequency * clamped

@@ -278,7 +278,7 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     cuts = fit.edges[number] - fit.edges[number][0]
     drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    # The fit takes from noise what windows' starts and values explain.
+    # The fit removes from noise the part that the windows' starts and the values explain.
     drawn -= columns @ (inverse @ scores)
     of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
     of_draws = scores[:, :DRAWS]

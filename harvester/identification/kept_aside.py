@@ -286,9 +286,9 @@ def _likely(fitted, seed):
 def _model_error(records, missed):
     """Relative standard error of the power that the fitted records show.
 
-    Of their runs from one start; and of what follows from the motion in windows and is not in the
-    model, a share of the rms, so twice that share of the power. Of so few records the interval is
-    Student's.
+    Of their runs from one start; and of quantities that follow from the motion in windows and are
+    not in the model, a share of the rms, so twice that share of the power. Of so few records the
+    interval is Student's.
     """
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]

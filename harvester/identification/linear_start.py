@@ -333,7 +333,7 @@ class _Regression:
     def _solved(self, columns, factors):
         """(misfit, coefficients, s) for each scale s of the motion.
 
-        What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
+        The right-hand side is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
         # A term with an unknown coefficient is among the columns and left out here.
         drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)

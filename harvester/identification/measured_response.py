@@ -256,7 +256,7 @@ def read_impedance(
     Raises
     ------
     SceneError
-        A column or a unit is missing, or what it holds is no impedance.
+        A column or a unit is missing, or the column is no impedance.
     """
     path, where = str(file), named(str(file))
     columns = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}

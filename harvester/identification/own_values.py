@@ -131,14 +131,14 @@ def _best(shooting, reach, noise):
 
 
 def _cost(shooting, fit, noise):
-    """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
+    """Cost of a fit by a common noise, and its reduction by the windows' starts."""
     # A fit that was followed is weighted by its own residuals.
     same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
     return shooting.cost(same) + sum(states.size for states in fit.starts)
 
 
 def _left(shooting, fit):
-    """What a fit leaves of the first output, as a share of its standard deviation."""
+    """Residual of the first output, as a share of its standard deviation."""
     ones = np.ones_like(fit.noise[0])
     residuals, _ = shooting.residuals(0, fit.values, fit.edges[0], fit.starts[0], ones)
     if residuals is None:

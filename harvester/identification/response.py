@@ -245,7 +245,7 @@ class Responses:
         edges: np.ndarray,
         starts: np.ndarray,
     ) -> np.ndarray:
-        """What noise of the base's sensor adds to the outputs of one record in time.
+        """Part of one record's outputs, in time, that the noise of the base's sensor causes.
 
         Parameters
         ----------

@@ -2,7 +2,7 @@
 
 Whether a further part explains something of the residuals is seen to first order about the fit, by
 a regression of the residuals on the part's effect (a score test). That regression also says where
-the rival's fit begins. Parts are fitted in the order of what they promise, until one leaves only
+the rival's fit begins. Parts are fitted in the order of their expected gain, until one leaves only
 noise and no other promises nearly as much.
 """
 
@@ -405,7 +405,7 @@ def _problem(base, keys, sizes):
 
 
 def _further(base, parts, measurements, sizes, report):
-    """Rivals with a further part, in the order of what they promise."""
+    """Rivals with a further part, in the order of their expected gain."""
     if not parts:
         return []
     keys = list(dict.fromkeys(key for part in parts for key in part.keys))

@@ -46,7 +46,7 @@ QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 # Input resistance of a usual probe (Ω), from which a free resistance begins.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
-# What a given value of each effect must be: in words, and as a check.
+# Valid values of each effect: in words, and as a check.
 REQUIRED = {
     "scale": ("a number other than 0", lambda value: math.isfinite(value) and value != 0.0),
     "resistance": ("a number > 0", lambda value: value > 0.0),
@@ -125,7 +125,7 @@ def _without_drift(values, degree):
 def invert_high_pass(
     values: np.ndarray, integral: tuple[np.ndarray, np.ndarray], corner: float, second_corner: float
 ) -> np.ndarray:
-    """The true signal, from what a sensor with these high-passes shows.
+    """The true signal, from the signal of a sensor with these high-passes.
 
     Parameters
     ----------

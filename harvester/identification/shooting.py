@@ -490,7 +490,7 @@ def reach_of(x: np.ndarray) -> tuple[float, float]:
 
 
 def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Series less what the starts of their windows explain.
+    """Series less the part that the starts of their windows explain.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Validation records: data that no fit used, what a model predicts of them, and what it leaves.
+"""Validation records: data that no fit used, a model's prediction of them, and the residuals.
 
 The residuals are compared with the sensors' noise by their size and by a regression. The noise of
 each output is added to the simulated output, and the base sensor's noise to the model's excitation:
@@ -58,7 +58,7 @@ DRAWS, LINES = 6, 9
 # right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
 # loads had 32 and more in their worst record.
 SYSTEMATIC = 12.0
-# Residuals are too large if they exceed this multiple of what a right model leaves. Eleven sets of
+# Residuals are too large if they exceed this multiple of a correct model's. Eleven sets of
 # two or three records with right models had up to 1.23 in their worst record.
 TOO_LARGE = 1.5
 # A part below this share of an output's standard deviation is ignored.
@@ -95,13 +95,13 @@ class Unexplained(NamedTuple):
 
     @property
     def beyond(self) -> float:
-        """rms beyond what a right model leaves."""
+        """rms beyond a correct model's residual."""
         return math.sqrt(max(self.left**2 - self.noise**2, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValidationRecord:
-    """The part of one measurement that no fit used, and what a model predicts of it.
+    """The part of one measurement that no fit used, and a model's prediction of it.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class ValidationRecord:
     motion : float
         Median frequency of the measured motion (Hz).
     unexplained : tuple of Unexplained
-        What the prediction leaves of each output; of a response one for all.
+        Residual of each output; of a response one for all.
     """
 
     name: str
@@ -260,7 +260,7 @@ class ResponseRecord(ValidationRecord):
         return np.sum(values**2, axis=1)
 
     def judged(self) -> ResponseRecord:
-        """The record with what is left of it."""
+        """The record with its residuals."""
         left, noise = self.nrmse(), self.noise()
         beyond = math.sqrt(max(left**2 - min(noise, MOST_NOISE) ** 2, 0.0))
         is_noise = beyond <= UNNOTICED_IN_RESPONSE
@@ -296,7 +296,7 @@ class WholeRecord(ValidationRecord):
     ----------
     outside : str
         Why the prediction is not claimed; empty where it is: one orbit for all likely values,
-        within what the fitted records visited.
+        within the range of the fitted records.
     left : float
         rms of the first output's residuals in windows, beyond noise, as a share of its standard
         deviation.
@@ -343,7 +343,7 @@ class WholeRecord(ValidationRecord):
 
     @property
     def holds(self) -> bool:
-        """Whether what was measured lies within the prediction: the orbit, rms and power."""
+        """Whether the measurement lies within the prediction: the orbit, rms and power."""
         return (
             self.measured_orbit == self.predicted_orbit
             and within(self.measured_rms, self.predicted_rms)

@@ -12,10 +12,10 @@ The first line that applies gives the verdict; `RULES` has them in this order.
 | a claimed record kept aside is not as predicted | incomplete | find the part |
 | a record kept aside cannot be followed even in windows | incomplete | free its own value |
 | a further term of the spring would leave its values uncertain | fits | larger motions |
-| none of these | predicts | use it within what was visited |
+| none of these | predicts | use it within the visited range |
 
 The residual of a record is its validation data less the prediction. It is noise if its
-size is at most `TOO_LARGE` times what a right model leaves, and its regression on the motion has
+size is at most `TOO_LARGE` times a correct model's, and its regression on the motion has
 found nothing (`validation_record`). Records are judged one by one: none excuses another.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitEvidence:
-    """What a verdict is given on.
+    """Evidence for a verdict.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class FitEvidence:
     errors : dict of str to float
         Relative standard error of each fitted value.
     assumptions : sequence of Assumption
-        Gains and values that are taken as known, and what an error of them would do.
+        Assumed gains and values, and the effect of an error of them.
     whole : sequence of WholeRecord
         Records of which nothing was fitted.
     visited : Visited or None
@@ -91,7 +91,7 @@ class FitVerdict:
         "predicts"; "fits" where the records do not tell the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
     sentence : str
-        The verdict, what it covers and its main caveat: at most 25 words.
+        The verdict, its range and its main caveat: at most 25 words.
     advice : str
         What to do.
     """
@@ -126,7 +126,7 @@ class Rule(NamedTuple):
 def _nothing(evidence):
     if any(record.shows_motion for record in evidence.records):
         return None
-    return f"about {evidence.records[0].noise():.0%} of what was measured is noise"
+    return f"about {evidence.records[0].noise():.0%} of the measured signal is noise"
 
 
 def _better_rival(evidence):
@@ -222,7 +222,7 @@ RULES = (
         "its file, such as oscillator.restoring_force[0]=free",
     ),
     Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
-    Rule(_caveat, "predicts", "use it for what the records visited"),
+    Rule(_caveat, "predicts", "use it within the range that the records visited"),
 )
 OPENINGS = {
     "nothing": "nothing to judge: the model explains no more than chance",
@@ -262,7 +262,7 @@ def _label(evidence, assumption):
 
 
 def findings(evidence: FitEvidence) -> list[str]:
-    """What supports the verdict: one sentence for each record, assumption and rival."""
+    """Evidence for the verdict: one sentence for each record, assumption and rival."""
     lines = []
     if evidence.visited:
         lines.append(f"visited: {evidence.visited.ranges}")
@@ -298,7 +298,7 @@ def findings(evidence: FitEvidence) -> list[str]:
 
 
 def _rival_lines(rivals):
-    """What each rival leaves; those that were not tried by their reason."""
+    """Residual of each rival, or the reason why it was not tried."""
     best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
     lines: list[str] = []
     untried: dict[str, list[str]] = {}

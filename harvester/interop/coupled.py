@@ -55,7 +55,7 @@ class Energies(NamedTuple):
 def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0) -> Coupled:
     """A scene's device to be stepped by hand, under the scene's own excitation.
 
-    Its load is what the calls of `advance` say, and the scene's own is left out.
+    The calls of `advance` are its load; the scene's load is ignored.
 
     Parameters
     ----------

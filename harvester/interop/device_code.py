@@ -1,6 +1,6 @@
 """The device as C: equations generated from its parts' formulas, and a fixed stepper.
 
-`sources/` holds the stepper, `harvester_device.c`, and what an FMU adds. It is compiled together
+`sources/` holds the stepper, `harvester_device.c`, and the FMU's additions. It is compiled together
 with `equations.h`, which holds one device's numbers and forces in SI.
 """
 

@@ -91,7 +91,7 @@ class _Points:
 
 
 def record_trace(scene: Scene, rate: float, duration: float, realization: int) -> Trace:
-    """Simulate one realization and sample what its load takes, after settling.
+    """Simulate one realization and sample its load's voltage and current, after settling.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def _gain(values: np.ndarray, usual: float) -> float:
 
 
 def _check(scene, kind, rate, duration, realization, report):
-    """Refuse what cannot be recorded, and say how large the file will be; returns the duration."""
+    """Raise if the trace cannot be recorded, report the file size, and return the duration."""
     if scene.units != "SI":
         raise ExportError(
             f'{scene.name}: units = "{scene.units}": a trace is in volts and amperes; give the '

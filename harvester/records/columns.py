@@ -40,7 +40,7 @@ def setting_of(key: str, quantity: str) -> str:
 
 
 class MeasuredFile:
-    """A file's columns with what their headings say.
+    """A file's columns with the quantities and units of their headings.
 
     `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
     of each column of a table of points; empty: any, as the headings say. `setting`: the name, for

@@ -20,7 +20,7 @@ APART = re.compile(r"[+-]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
 
 
 def shape(text: str) -> str:
-    """What a number shows of its column's marks.
+    """Decimal and thousands marks that a number implies for its column.
 
     Returns
     -------

@@ -35,7 +35,7 @@ FORMATS: Registry[Format] = Registry(
 FILE_SHARE = 0.25
 # Memory per sample that reading and conditioning take, in bytes (92 were measured).
 BYTES_PER_SAMPLE = 100
-# First bytes of files that are often taken for records, and what to do with them.
+# First bytes of files that are often mistaken for records, with advice.
 UNPACK = "unpack it"
 EXPORT = "export the samples as .csv from the program that wrote it"
 FOREIGN = {

@@ -26,7 +26,7 @@ NUMBER_CLASSES = {
     "single",
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-# scipy allocates what cells and structures claim to hold before it reads them, and recurses into
+# scipy allocates the claimed size of cells and structures before it reads them, and recurses into
 # each.
 MOST_PARTS, DEEPEST = 100_000, 16
 LARGEST_STRUCTURE = 2**28

@@ -1,4 +1,4 @@
-"""Quantities of measured columns: their units, and what a column's heading says of both."""
+"""Quantities of measured columns, their units, and both from a column's heading."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def unit_named(quantity: str, text: str) -> str | None:
 def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
     """Usual spelling of a unit of a quantity in `QUANTITIES`.
 
-    `where`, `cure`: for the message: file and column; what to do. Raises SceneError if the quantity
+    `where`, `cure`: for the message: file and column; the remedy. Raises SceneError if the quantity
     has no such unit, or the unit has two readings.
     """
     usual = unit_named(quantity, unit)
@@ -293,7 +293,7 @@ def is_unit(text: str) -> bool:
 def column_named(column: str, names: Collection[str], quantity: str = "") -> int | None:
     """Index of a column by its whole name, or by its title if only one column has it.
 
-    `quantity`: what the column holds. None where there is no such column.
+    `quantity`: quantity of the column. None if there is no such column.
     """
     listed = list(names)
     if column and column in listed:

@@ -47,7 +47,7 @@ def without_markers(
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Samples with markers (-9999, 65535, a rail) replaced by NaN, if `mend` asks for it.
 
-    Loggers write such a number for what they could not measure.
+    Loggers write such a number for a missing measurement.
 
     `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
     mend; "nan" among them takes markers for gaps. Returns the samples, shape (n,), and a remark if
@@ -102,10 +102,10 @@ def mended(
     where: str,
     mend: Collection[str] | None = None,
 ) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    """Finite samples that are not clipped, their times, and what was mended, in words.
+    """Finite samples that are not clipped, their times, and the repairs, in words.
 
     `values`, `times`: shape (n,). `mend`: faults to mend: "nan" by straight lines over the gap,
-    "clipped" by a cubic spline through what was not clipped; None: none can be. Raises SceneError
+    "clipped" by a cubic spline through the other samples; None: no repair. Raises SceneError
     for too few samples, and for a fault that was not to be mended, or cannot be.
     """
     refuse_short(values, where)

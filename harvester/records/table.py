@@ -1,4 +1,4 @@
-"""What the reader of a format returns: the columns of one file."""
+"""The columns of one file, as the reader of a format returns them."""
 
 from __future__ import annotations
 

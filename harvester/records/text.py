@@ -139,7 +139,7 @@ def _reader(kind, decimal=",", group=""):
 def _marks(content, form, samples, indices):
     """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
     numbers = [k for k, kind in enumerate(form.kinds) if kind == NUMBER]
-    # Whether a field may hold a comma: each column's values then show what it means.
+    # Whether a field may hold a comma: each column's values then decide its meaning.
     if b"," not in content or (form.separator == "," and b'"' not in content):
         asked = {*indices} & {*numbers} if b"." in content else ()
         columns = ((fields[k] for fields in samples()) for k in asked)

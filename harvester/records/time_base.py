@@ -55,7 +55,7 @@ def time_base(
     """The even grid of a record's samples.
 
     `times`: shape (n,); s, finite; None: the rate counts alone. `rate`: Hz, as given. `where`,
-    `cure`: for messages: the file; what to do about times that do not rise. `mend`: with "uneven",
+    `cure`: for messages: the file; remedy for times that do not rise. `mend`: with "uneven",
     samples that are missing or were taken unevenly are interpolated; None: they cannot be. Raises
     SceneError for too few times, for times that do not rise or are no seconds, and for those that
     leave an even grid.
@@ -99,7 +99,7 @@ def _fitted(times, rate, steps, rounding):
 
 
 def rounded_to(steps: np.ndarray) -> float:
-    """What the stamps are rounded to (s), 0 if they are not.
+    """Resolution of rounded stamps (s), 0 if they are not rounded.
 
     Their steps then are two neighbouring multiples of it, each several times.
     """

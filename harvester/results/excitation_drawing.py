@@ -1,4 +1,4 @@
-"""The spectrum of what drives a device."""
+"""The spectrum of a device's excitation."""
 
 from __future__ import annotations
 

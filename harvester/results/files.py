@@ -44,7 +44,7 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     """
     if not isinstance(result, ResultBase):
         raise HarvesterError(
-            f"save: {shown(result)}: is no result; give what simulate or a study returned"
+            f"save: {shown(result)}: is no result: pass the return value of simulate or of a study"
         )
     if Path(target).suffix in ENDINGS:
         _write_one(result, Path(target))

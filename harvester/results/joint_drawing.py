@@ -71,7 +71,7 @@ def _draw_panel(axes, result, places, values, highest):
 
 
 def _frame(axes, result, places, values):
-    """Limits a little beyond what is drawn."""
+    """Limits a little beyond the drawn data."""
     seen = values > LEAST_SHARE * values.max()
     limits = (axes.set_xlim, axes.set_ylim)
     for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):

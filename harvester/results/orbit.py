@@ -17,7 +17,7 @@ from harvester.statistics.estimate import Estimate
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNDETERMINED = "not settled", "no period: chaotic or not settled"
 NO_PERIOD = "no period"
-# What starts do that reach no steady motion: a load's store, the mass, the numbers.
+# Kinds of starts that reach no steady motion: a load's store, the mass, the numbers.
 CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {

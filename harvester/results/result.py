@@ -1,4 +1,4 @@
-"""Results with their evidence: what every engine and closure returns, and how it is shown."""
+"""Results with their evidence: the return value of every engine and closure, and its view."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ class Result(ResultBase):
             reason = f"{error} is missing"
         except (TypeError, AttributeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
-        raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
+        raise HarvesterError(f"no result: {reason}; pass the return value of Result.to_dict")
 
     def _dataset(self) -> Dataset:
         """All quantities and densities in the scene's units, each with its standard error or nan.
@@ -354,7 +354,7 @@ class Result(ResultBase):
         return Printed(text, estimate.estimate, estimate.standard_error, unit)
 
     def _findings(self) -> list[str]:
-        """How the numbers came about, and what to know before citing one."""
+        """How the numbers were obtained, and caveats for citing them."""
         return [
             *self.evidence(),
             *device_line(self.scene),
@@ -469,7 +469,7 @@ def _result_of(kind, content, folder):
     written = result.to_dict()
     for name in written.keys() - {"attractors", "scene", "spectrum_fit"}:
         if content.get(name) != written[name]:
-            raise NotAValue(f"{name} is not what the other values say, or not finite")
+            raise NotAValue(f"{name} contradicts the other values, or is not finite")
     return result
 
 

@@ -81,7 +81,7 @@ class View:
     table : Table
         For people; its cells are text or `harvester.base.formatting.Printed`.
     findings : sequence of str
-        Sentences: what was found, how it was obtained, what to know before citing a number.
+        Sentences: the findings, how they were obtained, caveats for citing them.
     headline : str
         The main finding; the first one if empty.
     alarms : sequence of str
@@ -129,7 +129,7 @@ class View:
 
 
 class ResultBase(ABC):
-    """Base of all results: what follows from their view."""
+    """Base of all results: printing, tables and files from their view."""
 
     if TYPE_CHECKING:
         # Of a dataclass it is a field, which must not find a default here.

@@ -67,7 +67,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
     """Check the options of a public function, and show its progress in a notebook.
 
     An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
-    checked by what the annotations say (`harvester.base.signatures`).
+    checked by the annotations (`harvester.base.signatures`).
     """
     name = function.__name__
 

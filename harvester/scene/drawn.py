@@ -21,8 +21,8 @@ DRAWN = {
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the lumped values computed from its drawing.
 
-    Raises SceneError if a key of the drawing is not usable, or a value that it gives is given
-    beside it.
+    Raises SceneError if a key of the drawing is not usable, or the scene also gives a value that
+    follows from it.
     """
     if "beam" not in tables:
         if "magnets" in tables:
@@ -51,7 +51,7 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         for key in DRAWN[name]:
             if key in given:
                 raise SceneError(
-                    f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change "
+                    f"{origin}: {name}.{key} follows from [beam]: remove one of them, or change "
                     "the beam's own keys"
                 )
         tables[name] = given | computed

@@ -21,7 +21,7 @@ SUFFIXED = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})? ?([kKuUµμnNpPm]|[mM][eE][gG]
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a scene's TOML file.
 
-    It holds keys, types, ranges, words, alternatives and what depends on `units`, also of the parts
+    It holds keys, types, ranges, words, alternatives and conditions on `units`, also of the parts
     that installed packages add. Values that do not go together physically are refused by the
     program alone.
     """
@@ -56,7 +56,7 @@ def _ending():
 
 
 def _rules_of_scenes(units):
-    """What scenes with these units must and must not hold, with a drawing and without."""
+    """Required and forbidden keys of scenes with these units, with a drawing and without."""
     tables = {name: cls for name, cls in all_tables().items() if name != "excitation"}
     drawable = {"oscillator", *TRANSDUCERS}
     rules = {name: _rules(cls, units) for name, cls in tables.items()}

@@ -38,7 +38,7 @@ def line_frequency(ready: Prepared) -> float:
     """The frequency at which steps are to be exact (rad/s); 0 where there is no such.
 
     Frequency of the line to which the linear device responds most. Without lines, of a linear
-    device with so narrow a resonance that what it passes of noise is nearly a line.
+    device with so narrow a resonance that its response to noise is nearly a line.
     """
     answers = _responses(ready)
     if answers:

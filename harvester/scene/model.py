@@ -223,7 +223,7 @@ class Scene(Table):
             The load's netlist cannot be read.
         """
         if not isinstance(content, dict):
-            raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
+            raise SceneError(f"{shown(content)}: no scene: pass the return value of Scene.to_dict")
         tables = copy.deepcopy({k: v for k, v in content.items() if k not in ("name", "sha256")})
         # Without its digest a record is read again.
         for _, excitation in parts_of(tables.get("excitation")):
@@ -327,9 +327,9 @@ def _check_sampling(scene, origin):
     if frequency > highest:
         raise SceneError(
             f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which holds no more "
-            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: say what the time "
-            'column is in by excitation.time_unit ("ms", "us", … or "samples" with sampling_rate)'
-            ", or take a finer record"
+            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: give the unit of "
+            'the time column by excitation.time_unit ("ms", "us", … or "samples" with '
+            "sampling_rate), or take a finer record"
         )
 
 

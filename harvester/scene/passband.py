@@ -1,4 +1,4 @@
-"""What a misplaced frequency costs under noise: the spectrum of the displacement, linearised."""
+"""Error by a shifted frequency under noise: the spectrum of the displacement, linearised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The check that refuses what no scene may hold, and values that do not go together."""
+"""Checks of a scene: forbidden keys, and values that contradict each other."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def transducer_of(tables: Any) -> str:
 
 
 def _check_transducer(parts, origin):
-    """One transducer and no other; and what a start says of it."""
+    """Check that there is one transducer, and the transducer's part of a start."""
     present = [f"[{name}]" for name in TRANSDUCERS if name in parts]
     first, *others = (f"[{name}]" for name in TRANSDUCERS)
     if not present:

@@ -1,4 +1,4 @@
-"""What steps of Monte Carlo cost a steady motion under sines, of the linearised device."""
+"""Step error of Monte Carlo for a steady motion under sines, of the linearised device."""
 
 from __future__ import annotations
 

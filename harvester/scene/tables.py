@@ -176,7 +176,7 @@ class Start(Table):
 class Load(Table):
     """The load of the transducer: the built-in resistor, or a netlist.
 
-    `circuit` is what was read of the netlist (circuits.netlist.load_circuit.LoadCircuit).
+    `circuit`: the netlist that was read (circuits.netlist.load_circuit.LoadCircuit).
     """
 
     kind: str | None = word("kind: of the built-in load", ("resistor",))

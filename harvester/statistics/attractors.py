@@ -22,7 +22,7 @@ from harvester.statistics.stroboscope import STATE
 LONGEST_PERIOD, SEEN = 24, 2.0
 # A motion repeats if its samples differ by at most the first share of their greatest, and two
 # cycles are the same if they differ by at most the second: starts that still settle lie apart by
-# several times what they change in a period.
+# several times their change in a period.
 REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
 # spiral that turns by a third of a circle a period nearly repeats after three.

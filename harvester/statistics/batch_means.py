@@ -1,7 +1,7 @@
 """Standard errors of means and ratios from correlated batches.
 
 Batches in time, pooled over realizations, are joined in pairs until neighbours are nearly
-uncorrelated, and what correlation is left is added to the variance (Flyvbjerg and Petersen,
+uncorrelated, and the remaining correlation is added to the variance (Flyvbjerg and Petersen,
 J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method).
 Where too few batches are left, there is no error bar.
 """
@@ -101,7 +101,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
                 factor = 1.0 + 2.0 * (max(neighbours, -0.5) + chance)
             variance = min(factor, 1.0) * total / series.size
             error = _raised(variance, series.size / max(factor, 1.0))
-            # Neighbours that take back what went before, as rates of change do, scatter less in
+            # Neighbours that cancel their predecessors, as rates of change do, scatter less in
             # longer batches.
             if neighbours >= -LARGEST_CORRELATION or series.size < FEWEST_TO_JOIN:
                 return error

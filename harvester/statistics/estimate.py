@@ -18,7 +18,7 @@ NO_VALUE = "no number: the averaged quantity is not finite at some time of the r
 # Newton's iterations, after a rectifier in ngspice, resolve this share of an output voltage.
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
-ROUNDED_OFF = "below what the solver resolves of the load's powers"
+ROUNDED_OFF = "below the solver's resolution of the load's powers"
 NO_OUTPUT = "no resistor lies across the output, and no measure is one"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"

@@ -79,7 +79,7 @@ class Moments:
     points
         Accepted points, those before `start` included.
     output
-        Moments of the load's output side and of what its stores hold, where it has them.
+        Moments of the load's output side and of its stores, if it has them.
     jumps
         Between wells, where there are several.
     strain
@@ -89,7 +89,7 @@ class Moments:
     step_error
         Relative change of the energies from a run with steps twice as long, if made.
     note
-        What the run changed to converge, or could not find out; may be empty.
+        Changes that made the run converge, or open questions; may be empty.
     spread
         Relative standard error of the energies among runs whose excitation differs by what the
         steps may cost, of one nonlinear device under one record; 0 where none were made.

@@ -117,7 +117,7 @@ class OutputMoments:
         levels : sequence of ndarray, shape (n,), or None
             Values of the rows after the measures (V and A); None is 0.
         energy : ndarray, shape (n, n), or None
-            What the load stores (scaled), as a quadratic form of the first n levels.
+            Energy stored in the load (scaled), as a quadratic form of the first n levels.
         """
         if time.size == 0:
             return

@@ -44,7 +44,7 @@ from harvester.statistics.passivity import SUPPLIED
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
-# What the output takes where sources of the load supply a part of it.
+# Power that the output takes, if sources of the load supply a part of it.
 USED = "mean_power_used_at_output"
 # Stretches of the measured time whose mean voltages are in order if the output ramps.
 RAMP_STRETCHES = 8
@@ -75,7 +75,7 @@ def estimate_output(
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
-    The output uses what its resistors take and what the load's file measures as an output.
+    The output's power is dissipated in its resistors, or measured as an output by the load's file.
     `mean_output_power` is that power less what the load's sources deliver, `supplied_by_NAME` each;
     if there are any, `mean_power_used_at_output` is given too. The harvested power is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
@@ -179,13 +179,13 @@ def _per_hour(storage, stored, time):
 def _stored_energies(moments, time, error_of):
     """Mean and final energy of the load's stores; empty without any.
 
-    A battery counts by what it has taken since the start of the measured time.
+    A battery counts with its charge since the start of the measured time.
     """
     series = np.stack([m.output.stored[: time.shape[1]] for m in moments])
     taken = _taken_by_batteries(moments, time)
     if not series[:, :, INTEGRAL].any() and not taken.any():
         return {}
-    # Within a batch half of what a battery takes has arrived on average.
+    # Within a batch half of a battery's charge has arrived on average.
     energy = series[:, :, INTEGRAL] + (np.cumsum(taken, axis=1) - 0.5 * taken) * time
     squares = None if taken.any() else series[:, :, SQUARE]
     final = [m.output.energy + into.sum() for m, into in zip(moments, taken, strict=True)]
@@ -279,7 +279,7 @@ def _sources(moments):
 
 
 def _used_and_stored(moments, output):
-    """Energy given to what the load is for, sources' energy included, and energy stored."""
+    """Energy delivered to the outputs, sources' energy included, and energy stored."""
     consumed = moments[0].output.conductance * output["square_voltage"]
     stored = np.stack([m.output.stored[: consumed.shape[1], CHANGE] for m in moments])
     consumed = consumed + sum(series for kind, _, series in _sources(moments) if kind == OUTPUT)
@@ -360,7 +360,7 @@ def output_ramp(moments: Sequence[Any]) -> tuple[float, float] | None:
 
 
 def _single(values, dimension="voltage"):
-    """Mean over realizations of what each gives once."""
+    """Mean over realizations of a quantity with one value per realization."""
     mean = float(np.mean(values))
     if len(values) < FEWEST_BATCHES:
         return Estimate(mean, None, None, dimension, ONE_VALUE_NOTE)

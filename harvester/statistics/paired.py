@@ -74,10 +74,10 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
 
 def _error(ratio, pairs, balances):
-    """Standard error of the ratio of two estimates, with what jumps add to each.
+    """Standard error of the ratio of two estimates, including the jumps' part of each.
 
     Each is a ratio of sums over batches, linearised. Where both went through the same wells in
-    every batch, what jumps add is common to both.
+    every batch, the jumps' part is common to both.
     """
     shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances

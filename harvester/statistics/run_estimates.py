@@ -1,4 +1,4 @@
-"""From the moments of a run to its estimates, with notes on what the run is too short for."""
+"""Estimates from the moments of a run, with notes on quantities that need a longer run."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ SENSITIVE = (
     "before; choose --step finest or a shorter one, best with --method monte-carlo"
 )
 CHAOTIC = (
-    "the path is chaotic: runs whose excitation differs by what the steps may cost end with powers "
+    "the path is chaotic: runs whose excitation differs by the possible step error end with powers "
     "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
     "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
 )
@@ -84,7 +84,7 @@ MOST_NOTES = 3
 
 @dataclass(frozen=True)
 class RunEstimates:
-    """Scaled estimates of a run, and what to know before citing one.
+    """Scaled estimates of a run, and caveats for citing them.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported if it exceeds this share of the mean and this number of standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Above this share of what a store holds, the bound of its missing charge is not printed.
+# Share of a store's charge above which the bound of its missing charge is not printed.
 MOST_MISSING = 10.0
 # Of stores that lack this share of the worst's and more, the greatest capacitance is named.
 FOLLOWING = 0.25
@@ -362,7 +362,7 @@ def _storage(scene, stores, estimates):
         elements = scene.load.circuit.elements
         sizes = {part.name: part.size or 0.0 for part in elements if part.letter == "c"}
         worst = max(alike, key=lambda store: sizes.get(store.name, 0.0))
-        away = f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+        away = f"its charge is up to {100.0 * abs(worst.missing):.2g} % away from its "
         longest = (
             f" (to {run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
             "charges it)"
@@ -411,7 +411,7 @@ def _jumps(scene, p, moments, estimates):
 
 
 def _residence(scene, p, moments, estimates, balance):
-    """The shortfall of a run with few jumps between wells, in what depends on the well."""
+    """Shortfall of a run with few jumps between wells, for quantities that depend on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
@@ -437,8 +437,8 @@ def _residence(scene, p, moments, estimates, balance):
         f"{times.sum():.3g} s"
         + f", only {fewest:.0f} into or out of one of them"
         * bool(counts.sum()),
-        f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
-        "longer (run.duration times run.realizations)"
+        "shares of time and quantities that depend on them are unknown; simulate "
+        f"{needed:.1g} s in all or longer (run.duration times run.realizations)"
         + ", or average by fokker_planck" * averaged
         + "; the mass touched no stopper: without [stoppers] the wells are alike" * bool(untouched),
         names,

@@ -41,11 +41,11 @@ class StoreState:
     ----------
     name, where : as in `circuits.netlist.stores.Store`.
     missing, error
-        Distance from where it settles, as a share of what it holds; standard error.
+        Distance from its final value, as a share of its value; standard error.
     time
         Relaxation time (s); nan where it could not be determined.
     memory
-        Time over which what it holds is remembered under noise (s).
+        Correlation time of its charge under noise (s).
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Stroboscopic samples of a record: its state at equally spaced times, and what lies between."""
+"""Stroboscopic samples of a record: its state at equally spaced times, and means between."""
 
 from __future__ import annotations
 

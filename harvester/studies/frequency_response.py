@@ -1,7 +1,7 @@
 """`frequency_response`: amplitude, voltage and power over the frequency of a sine.
 
 One run per direction goes through the frequencies one after another without a jump in phase, so
-that the device keeps its branch: what differs between up and down is hysteresis.
+that the device keeps its branch: a difference between up and down is hysteresis.
 """
 
 from __future__ import annotations
@@ -339,7 +339,7 @@ class _Outputs:
     def add(
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
-        """Points of the voltage, of the measured output power, and of what each source takes."""
+        """Points of the voltage, of the measured output power, and of the power of each source."""
         used = values[self._powers].sum(axis=0)
         for window in self._windows:
             window.add_output(voltage, used, *values[self._sources])
@@ -508,7 +508,7 @@ def _means(record, base, stop, measured):
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods.
 
-    What sources of the load deliver is no harvested power.
+    Power from sources of the load is no harvested power.
     """
     voltage, used, *sources = outputs
     ends = (stop - measured, stop)

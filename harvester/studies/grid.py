@@ -162,7 +162,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
 
 
 def _check_shared(where, key, value, loaded):
-    """Refuse a parameter that some of the loads lack; what they all lack is refused as of one."""
+    """Raise if some of the loads lack a parameter; if all lack it, the message names one."""
     lacking = {}
     for label, scene in loaded.items():
         try:

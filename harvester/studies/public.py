@@ -168,7 +168,7 @@ def frequency_response(
         Quantities to show, one or several of: displacement_amplitude (of the tip, relative to the
         base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
         an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
-        mean_power and what the output has).
+        mean_power and the output's quantities).
     per_g : bool
         All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
         this amplitude alone.
@@ -329,7 +329,7 @@ def sweep(
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
-        What the tables show and what a precision holds for; several may be given (default:
+        Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
         Relative standard error that each place is run for by the engines; None: the scene's own
@@ -602,8 +602,8 @@ def optimum(
         The scene; its [run] is used first at each place (over one parameter), or for each
         evaluation (over several).
     over : str, or dict of str to (float, float) or None
-        A number of the scene and its range (default: a tenth to ten times its value, within what
-        the key allows); several may be given.
+        A number of the scene and its range (default: a tenth to ten times its value, within the
+        limits that the key allows); several may be given.
     low : float or None
         Range of a single parameter.
     high : float or None

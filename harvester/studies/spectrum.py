@@ -1,4 +1,4 @@
-"""The density of any excitation or record, what kind of noise it is, and a specification of it."""
+"""Density of any excitation or record, its kind of noise, and a specification for it."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _analysed(
 ):
     """The analysis of values that come in blocks, an hour of them in flat memory.
 
-    `profiled` has what the specification is made from, if that is known without the values.
+    `profiled` has the basis of the specification, if it is available without the values.
     """
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
@@ -449,7 +449,7 @@ class SpectrumAnalysis(ResultBase):
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
     def _findings(self) -> list[str]:
-        """How it was found, and what departs from stationary Gaussian noise."""
+        """Method, and deviations from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
         lines = [

@@ -46,7 +46,7 @@ class Cell:
 
     Attributes
     ----------
-    outcome : "complete", or what went wrong.
+    outcome : "complete", or the failure.
     estimates
         Estimates in the scene's units.
     orbits
@@ -160,7 +160,7 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome"], rows
 
     def _findings(self) -> list[str]:
-        """How it came about, and what to know before citing a number."""
+        """How the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
         notes = placed_notes(

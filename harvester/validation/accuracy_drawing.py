@@ -116,7 +116,7 @@ def _closures(study, deviation):
 
 
 def _biases(study, name, marks):
-    """One mean's |bias| over run time, and what so long a run can show of it."""
+    """One mean's |bias| over run time, with the resolution of so long a run."""
     series = []
     for row in study.rows:
         if name in row.bias and not is_reference(row.bias[name]):

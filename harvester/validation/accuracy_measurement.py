@@ -141,7 +141,7 @@ class TotalError:
 
     @property
     def resolved_bias(self) -> float:
-        """|bias| without what its own error bar explains: √(b² − σ²), 0 where that is all.
+        """|bias| without the part that its error bar explains: √(b² − σ²), 0 if that is all.
 
         nan without an error bar.
         """
@@ -437,7 +437,7 @@ def timed(
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
-    In a worker process; `method` holds what `ComparedMethod.options` gives.
+    Runs in a worker process; `method` holds the values of `ComparedMethod.options`.
     """
     brief = scene.replace(
         {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
@@ -464,7 +464,7 @@ def paths_at_knots(
 def realizations_task(
     scene: Scene, method: ComparedMethod, indices: Sequence[int], runner: Runner, function: Callable
 ) -> Task:
-    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    """The task of some realizations that run together; `function` has the signature of `timed`."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
     version = runner.version(method.engine)
     return Task(function, arguments, version, method.family, len(indices))

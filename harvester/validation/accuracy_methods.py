@@ -68,7 +68,7 @@ class ComparedMethod:
         return f"step {self.step(scene):.4g}"
 
     def options(self, scene: Scene) -> dict[str, Any]:
-        """The engine's name and what it is set to, as `harvester.simulate` takes them."""
+        """The engine's name and settings, as arguments of `harvester.simulate`."""
         names = ("engine", "source", "scheme", "tolerance", "device")
         return {"step": self.step(scene), **{name: getattr(self, name) for name in names}}
 

@@ -285,7 +285,7 @@ def _opinion(scene, claim, method, answers):
     if test.of_orbits:
         return opinion_of(test.findings(scene))
     if test.compares and method == "monte-carlo":
-        return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
+        return Opinion(UNTESTED, reason="Monte Carlo is the reference of the others")
     methods = (method, "monte-carlo") if test.compares else (method,)
     reads = [lambda changes, m=m: answers.get((m, tuple(sorted(changes)))) for m in methods]
     findings = [f for condition in claim.conditions for f in test.findings(condition, *reads)]

@@ -3,8 +3,8 @@
 Two motions on the same noise diverge in time: a contact or the passage of a saddle amplifies a
 small difference. A second fine path from a slightly different start shows when, and so does the
 engine itself at half its step. Up to there the engine's limit for short steps, extrapolated from
-the two, has to be the fine path: a wrong equation shows there far below what the step itself costs.
-What the step costs is the difference of the mean squares at the step asked for.
+the two, has to be the fine path: a wrong equation shows there far below the step error.
+The step error is the difference of the mean squares at the requested step.
 """
 
 from collections.abc import Sequence
@@ -158,7 +158,7 @@ def _of_mechanics(scene, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
     system = prepared(scene).system
     holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
-    # State and voltage say what acts on the mass.
+    # State and voltage determine the forces on the mass.
     replayable = isinstance(system.transducer, Piezo) and not holds_speeds
     if reference_engine(scene) != "circuit" or not replayable or not compared.any():
         return np.nan

@@ -1,4 +1,4 @@
-"""The paper's statements on trends, as data of paper.toml, and what tests them.
+"""The paper's statements on trends, as data of paper.toml, and their tests.
 
 A test lists the changes of the scene that it needs at a condition (`scenes`), and evaluates
 them (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
@@ -40,7 +40,7 @@ class Finding:
     Attributes
     ----------
     effect : float
-        A share, with the sign of what was found.
+        A share, with the sign of the finding.
     error : float
         Standard error of the effect, or its numerical error.
     favours : int

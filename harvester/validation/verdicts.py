@@ -87,7 +87,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
+    """The verdict on one case by one method: one of `WORDS`, the reason, and the evidence."""
 
     word: str = field(metadata=key("verdict"))
     reason: str = ""
@@ -111,7 +111,7 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case: what every engine and closure said of it, and the verdict on each.
+    """One case: the outcome of every engine and closure, and the verdict on each.
 
     Attributes
     ----------

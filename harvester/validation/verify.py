@@ -161,8 +161,8 @@ class Verification(ResultBase):
         if self.measured:
             within = sum(row.verdict == HOLDS for row in self.measured)
             lines.append(
-                f"measured devices: {within} of {len(self.measured)} rows within what reading and "
-                "scatter of the measurement allow"
+                f"measured devices: {within} of {len(self.measured)} rows within the error that "
+                "reading and scatter of the measurement allow"
             )
         for name, rows in _by_device(self.measured).items():
             reason = next((row.reason for row in rows if row.reason), "")
@@ -244,7 +244,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     cures = {entry["device"]: entry["cure"] for entry in known["set"]}
     lines = []
     for row in (row for name in cures for row in by_device.get(name, ())):
-        # An exact share, or no more than what others published.
+        # An exact share, or only values that others published.
         exact, most = row.truth.exact, row.truth.allowance
         expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
         value = "" if row.reason else f"{row.value:.2%}"

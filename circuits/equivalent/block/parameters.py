@@ -1,4 +1,4 @@
-"""The values of a block that people vary, in SI, and what its scaled formulas are made of.
+"""The SI parameters of a block, and the numbers of its scaled formulas.
 
 Formulas are taken from `harvester.device`, in scaled units. Each of their numbers
 becomes an expression of SI parameters with + − * / alone, which every simulator reads alike. A
@@ -238,7 +238,7 @@ class Parameters:
 
 
 def check_block(ready: Prepared) -> None:
-    """Refuse a scene that no block holds, with what to do.
+    """Raise for a scene that no block can represent, with the remedy.
 
     Raises
     ------

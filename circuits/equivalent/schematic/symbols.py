@@ -200,7 +200,7 @@ def width(part: Part) -> float:
 
 
 def words(part: Part) -> list[str]:
-    """The element's name, its value, and what controls it."""
+    """The element's name, its value, and its control."""
     value, control = _value(part), [node for node in part.control if node != GROUND]
     if part.letter in TRANSISTORS:
         names = TRANSISTORS[part.letter][0]

@@ -196,7 +196,7 @@ class LumpedBeam(NamedTuple):
         θ = χ/φ(L).
     material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
     rest_capacitance, rest_charge
-        What the modes left out add statically, Σ χr²/ωr² and
+        Static contribution of the residual modes, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio
         ζ

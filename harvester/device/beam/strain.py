@@ -2,7 +2,7 @@
 
 The first mode's curvature follows the displacement. The modes left out are taken as static: under
 a voltage the beam bends as a short piece, EI w'' = −ϑ V, and under an acceleration of the base by
-its bending moment; what the first mode has of both is taken off. A layer on one side also stretches
+its bending moment; the first mode's part of both is subtracted. A layer on one side also stretches
 the beam.
 """
 
@@ -27,7 +27,7 @@ class FibreStrain(NamedTuple):
         The same for each m/s² of the base (s²/m).
     modulus : stress for each strain, electrodes short-circuited (Pa).
     stress_per_volt
-        What a layer's field adds to the stress (Pa/V).
+        Stress per voltage by a layer's field (Pa/V).
     """
 
     position: float

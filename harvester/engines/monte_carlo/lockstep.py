@@ -11,8 +11,8 @@ same kind, each with individual steps, until they are at the step's end again.
          2        o--------------------o--------------------o    `_try` and `_go_on` until it
          …                                                       is at the step's end: `_arrive`
 
-Nothing is shared and no operation is reordered: a realization's numbers do not depend on what runs
-beside it.
+Nothing is shared and no operation is reordered: a realization's numbers do not depend on its
+neighbours.
 """
 
 from __future__ import annotations

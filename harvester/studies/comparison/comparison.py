@@ -1,4 +1,4 @@
-"""One scene by circuit, Monte Carlo and averaging, side by side: what `validate` returns."""
+"""One scene by circuit, Monte Carlo and averaging, compared: the result of `validate`."""
 
 from __future__ import annotations
 

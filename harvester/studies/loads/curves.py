@@ -128,7 +128,7 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
     """Standard error of a weighted sum of means on common noise.
 
     The first realizations of all series are on the same noise; where one has more than another,
-    only what they share cancels.
+    only their common part cancels.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ def _draw(study, label, value, more):
 
 
 def _finish(study, other, more, axes):
-    """Finish the axes: names of the loads where nothing is swept, and what `more` draws."""
+    """Finish the axes: names of the loads if nothing is swept, and drawings by `more`."""
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):

@@ -53,7 +53,7 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# Sources of the load feed an output if no larger share of what it uses is harvested.
+# An output counts as supplied by the load's sources if no larger share of its power is harvested.
 LEAST_HARVESTED = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
@@ -64,7 +64,7 @@ class Evaluation(Cell):
     """The answer at one point of a load study.
 
     Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
-    what leaves the transducer.
+    energy that leaves the transducer.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Evaluation(Cell):
         if self.is_supplied:
             sources = (name for name in self.estimates if name.startswith(SUPPLIED))
             names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
-            return f"{names} in the load supplies what its output uses: nothing is harvested"
+            return f"{names} in the load supplies the output's whole power: nothing is harvested"
         if fed_by_stores(self.estimates):
             return "its stores, not the device, feed the output: raise run.settle"
         return "no power reaches its output" if self.power <= 0.0 else ""
@@ -126,7 +126,7 @@ def evaluating(
         Engine or closure.
     version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
-        Relative error of the output power, what the steps may cost included; None: the scene's own
+        Relative error of the output power, possible step error included; None: the scene's own
         run.
     """
     if isinstance(method, Stationary):

@@ -3,7 +3,7 @@
 At each load's highest point, where the study's answer comes from, and at a place drawn at random.
 Paths of a device between its wells diverge after some ten periods, however well they are computed,
 so that long runs show a difference to some percent only. The first periods from rest show it to
-some tenths of a percent; the settled part adds what they lack, a charged store.
+some tenths of a percent; the settled part adds the charged store that they lack.
 """
 
 import math
@@ -162,7 +162,7 @@ def _difference(scene, costs, ours, theirs):
 
     The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
     cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty. Without noise
-    what the steps of both may cost is part of the error.
+    the possible step errors of both are part of the error.
     """
     powers = []
     for answers in (ours, theirs):

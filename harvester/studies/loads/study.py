@@ -72,7 +72,7 @@ PROOF_SHARE = 0.2
 
 @dataclass(frozen=True, repr=False)
 class LoadStudy(ResultBase):
-    """A load study's points, how it ended, and what follows: optima, ranking, verdict.
+    """A load study's points, outcome, optima, ranking and verdict.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class LoadStudy(ResultBase):
         return f"{words} = {quantity(value, unit)}"
 
     def _findings(self) -> list[str]:
-        """The ranking, what precision was reached, how it ended, what was run."""
+        """Sentences on the ranking, the precision reached, the outcome and the work done."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
         names = {name for evaluation in self.evaluations for name in evaluation.estimates}

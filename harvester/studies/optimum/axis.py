@@ -34,7 +34,7 @@ class Axis:
     def of(cls, scene: Scene, key: str, low: float | None, high: float | None) -> "Axis":
         """A key of the scene and its range, checked.
 
-        `low`, `high` None: a tenth and ten times the scene's value, within what the key allows.
+        `low`, `high` None: a tenth and ten times the scene's value, within the key's limits.
 
         Raises HarvesterError: no such key, no range, or a value that the scene cannot have.
         """

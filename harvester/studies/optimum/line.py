@@ -325,7 +325,7 @@ def _spread(centre, half):
 
 
 class CubicFit:
-    """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
+    """Cubic through values at points from −1 to 1, with errors from the noise they share.
 
     `error_of`: the error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
 

@@ -53,7 +53,7 @@ class Optimum(ResultBase):
     """Where a quantity is largest; in the scene's units.
 
     Over one parameter a curve is fitted to several points, and compared with averaging. Over
-    several a library proposes places, and what bounds each parameter is looked for.
+    several a library proposes points, and the limits of each parameter's flat range are searched.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Optimum(ResultBase):
     orbits
         The orbits that drawn starts reach at the place without noise, the followed one first.
     notes
-        What to know before citing the value.
+        Caveats for citing the value.
     evaluations
         Runs in all, over several parameters.
     seconds
@@ -164,7 +164,7 @@ class Optimum(ResultBase):
         return header, rows
 
     def _headline(self) -> str:
-        """The place, its value, and what it was looked for."""
+        """The optimum, its value, and the search's objective."""
         places = ", ".join(
             f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
             for parameter in self.parameters

@@ -186,7 +186,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
             lines[-1] += f"; {times:.3g} times that of orbit {least.name}"
         lines.append(
             "a motion with a period is averaged over whole cycles once it has converged: its "
-            "errors are what remains of the transient and what the steps may cost"
+            "errors cover the remaining transient and the possible step error"
         )
     for orbit in orbits:
         if not orbit.steady:

@@ -117,7 +117,7 @@ def periods_of(scene: Scene) -> int:
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Refuse what cannot be followed, or has no room in memory."""
+    """Raise if the starts cannot be followed, or exceed the memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -287,7 +287,7 @@ def _cycles(scene, engine, version, starts, samples, groups, periods):
 
 
 def _remains(scene, samples):
-    """What remains of each start's transient, see `transients`."""
+    """Remaining transient of each start, see `transients`."""
     return transients(samples[:, :, :STATE], memory_of(prepared(scene)))[2]
 
 

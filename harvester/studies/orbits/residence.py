@@ -86,7 +86,7 @@ class ResidenceTime:
     longer_by_knots : float
         Share by which the band of white noise's knots lengthens the time: the density that it
         lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
-    outcome : "complete", or what ended the run.
+    outcome : "complete", or the reason for the end.
     """
 
     value: float | None

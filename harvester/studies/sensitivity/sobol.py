@@ -11,7 +11,7 @@ bring ⟨e²⟩ along: total indices and the variance come out too large, first-
 So every device is simulated twice, on noise that is independent between the two replicates, and
 each product takes one factor from either: ⟨Y' Y''⟩ = y² + y⟨e'⟩ + y⟨e''⟩ + ⟨e' e''⟩ = y², and
 likewise for the other two. That is exact at any length of run and for errors that differ from
-device to device, and nothing is assumed of what the devices of one row have in common: they share
+device to device, and nothing is assumed of the common part of the devices of one row: they share
 their noise, which cancels from the differences as far as their paths stay together. Rows are
 independent of each other, so that resampling them (bootstrap) gives intervals that hold the noise
 too; the even cover of Sobol's sequence is not counted on, so they are wide rather than narrow.

@@ -66,7 +66,7 @@ BINS = 30
 
 @dataclass(frozen=True, repr=False)
 class Sensitivity(ResultBase):
-    """How a quantity depends on what scatters from device to device; in the scene's units.
+    """Dependence of a quantity on values that scatter between devices; in the scene's units.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class Sensitivity(ResultBase):
         return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
 
     def _findings(self) -> list:
-        """The distribution, the yield, and what was run."""
+        """Sentences on the distribution, the yield and the runs."""
         name, p = self.quantity.replace("_", " "), self.population
         lines = [
             f"{name} of the scene itself: {with_error(self.nominal, self.unit)}; of "
