@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # Largest value of a part. Powers of larger ones leave the range of numbers.
 LARGEST_VALUE = 1e30
 # Largest energy (J) of a store at 1 V or 1 A, or at its ic. Rounding of a larger one hides the
-# energy of a harvester adds to it.
+# energy that a harvester adds to it.
 LARGEST_ENERGY = 1e9
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
