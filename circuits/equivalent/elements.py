@@ -182,7 +182,7 @@ def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start:
 
     Out of contact, `held_speed` follows the speed at which the mass would arrive at the stopper
     ahead with the energy it has; in contact nothing flows. A time constant of half a step is the
-    shortest that the trapezoidal rule follows without ringing. Such a node lags behind; the lag of
+    shortest that the trapezoidal rule follows without ringing. Such a node lags; the lag of
     a second node, `lagging_speed`, is added to correct for it, which leaves an error of second
     order. `start` is the initial speed over rate, as text.
     """
@@ -273,7 +273,7 @@ def behind_ammeter(network: Network) -> str:
 
 
 def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
-    """The built-in resistor (Ω) as a sub-circuit, behind an ammeter where the network asks for one.
+    """The built-in resistor (Ω) as a sub-circuit, after an ammeter if the network needs one.
 
     A single resistor's power follows from the voltage.
     """

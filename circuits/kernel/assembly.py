@@ -114,7 +114,7 @@ def _state(b, network, ammeter):
 
 
 def _add_transducer(b, network, scales, row_unit):
-    """Elements of the transducer; returns the place of the velocity, the last unknown."""
+    """Elements of the transducer; returns the index of the velocity, the last unknown."""
     nodes = {name: b.node(DEVICE + name) for name in sorted(network.nodes)}
     nodes[GROUND] = -1
     b.branch(DEVICE + LOAD_AMMETER)

@@ -28,7 +28,7 @@ class Builder:
         self.graph = ExpressionGraph()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Places in the graph whose value passes 0 where a source jumps.
+        # Indices in the graph whose value passes 0 where a source jumps.
         self.zero_crossings: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
@@ -117,7 +117,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
     """The collected elements as tables; the velocity X' is the last unknown."""
     n = velocity + 1
     if len(b.unknowns) != velocity:
-        raise ValueError("an unknown was added behind the velocity")
+        raise ValueError("an unknown was added after the velocity")
     rows = sorted(b.entries)
     steady = np.zeros(n)
     for index, value in b.steady.items():

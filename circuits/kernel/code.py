@@ -53,7 +53,7 @@ class Shape(NamedTuple):
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
     rows, columns : row and unknown at each position of the elimination.
     linear : unknowns before the core.
-    places : ((row, column) by position, place) of each number of the matrix.
+    places : ((row, column) by position, memory index) of each number of the matrix.
     layout : circuits.kernel.memory.Layout
     """
 
@@ -374,7 +374,7 @@ def _positions(shape):
 
 
 def _loaded(e, shape):
-    """The factors that `factor` has put into the slot, by their places."""
+    """The factors that `factor` has put into the slot, by their memory indices."""
     return {where: e.load(address, in_slot=True) for where, address in shape.places}
 
 

@@ -1,6 +1,6 @@
 """Numbers of machine code yet to be made: written with Python's operators, compiled by LLVM.
 
-A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), a place in it and
+A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), an index in it and
 three numbers, and gives a number. It is straight-line code but for `choose`. A number may represent
 several side by side, on which the processor works at once.
 """

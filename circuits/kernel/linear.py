@@ -30,7 +30,7 @@ class Order(NamedTuple):
     ----------
     rows, columns : (n,) row and unknown at each position, int64.
     linear : pivots before the core.
-    places : place of each number that is not zero, by (row, column) position; fill-in included.
+    places : memory index of each nonzero number, by (row, column) position; fill-in included.
     """
 
     rows: np.ndarray

@@ -1,4 +1,4 @@
-"""A device's mechanics behind addresses, so that a load's solver is not recompiled per device.
+"""A device's mechanics as functions called by address: a load's solver is compiled once for all.
 
 Of each sort of spring, damper and contacts only these few functions are compiled; with the solver
 around them it would take ten times as long.

@@ -24,7 +24,7 @@ class Layout(
         "switches junctions slopes sizes slots end",
     )
 ):
-    """Places in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
+    """Indices in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
 
     Attributes
     ----------

@@ -194,7 +194,7 @@ def _behavioural(b, each):
 
 
 def _finish_graph(b, whole):
-    """Expressions into the graph, once all branches have their places."""
+    """Add expressions to the graph, once all branches have their indices."""
 
     def unknown_of(tree):
         return b.node(tree[1]) if tree[0] == "v" else b.unknowns[f"i({tree[1]})"]

@@ -84,10 +84,10 @@ class State(
     Attributes
     ----------
     code : addresses of the circuit's functions; `address` : address of its memory.
-    slots, stride : place in it of the factors kept, and how many numbers each has.
+    slots, stride : index in it of the stored factors, and number of values of each.
     keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
         slot are for; then the next slot and the last; then the δ and states that are looked for.
-    motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
+    motion : index of the velocity in `solution`; `core` (c,) the unknowns there.
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
@@ -148,7 +148,7 @@ def _has_wanted_key(keys: np.ndarray, slot: int) -> bool:
 
 @merged
 def slot_of(tables: Tables, state: State, delta: float) -> int:
-    """The place in the memory of the factors for a step's δ, made if need be."""
+    """Memory index of the factors for a step's δ, computed if need be."""
     keys, closed = state.keys, state.closed
     wanted = SLOTS + 1
     keys[wanted, 0] = delta

@@ -10,7 +10,7 @@ from harvester.base.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
-# ringing behind a diode's breakdown was a fifth too deep.
+# ringing after a diode's breakdown was a fifth too deep.
 CONTROL_TOLERANCE = 0.001
 # Allowed error of the charges and fluxes of a self-oscillating load, as a share of their
 # greatest size: at five times as much, the mean square of a relaxation was 0.6 % too large. Sizes

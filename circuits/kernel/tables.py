@@ -41,8 +41,8 @@ class Tables(
         `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
         above which it closes.
     graph : (k, 4) operations, `graph_values` (k,) their constants.
-    behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place in the graph, unknown; `zero_crossings` (k,) places of
+    behavioural : (k, 4) row it adds to, row it takes from, first operation, index of its value;
+        `inputs` (k, 3) which of them, index in the graph, unknown; `zero_crossings` (k,) indices of
         quantities that pass 0 when one jumps.
     retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents
         that its velocity drives.

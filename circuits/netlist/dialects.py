@@ -28,7 +28,7 @@ _MARKS = {
     ),
     PSPICE: re.compile(r"^\.model \S+ [vi]switch|\bstp\(|\bvalue ?\{"),
 }
-# Matches the expressions of a card: in braces, or behind `i=` or `v=` of a B source.
+# Matches the expressions of a card: in braces, or after `i=` or `v=` of a B source.
 _EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
 
 

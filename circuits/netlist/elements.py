@@ -1,4 +1,4 @@
-"""The frozen tree that a load is read to: its elements with numbers, full names and places."""
+"""The frozen tree of a load: its elements with numbers, full names and file lines."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Counts the elements and characters of a load with its calls and functions expanded, before
 ngspice does so.
 
-ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
-place of each X: a few lines can expand to more than any machine holds.
+ngspice replaces each call of a function by its text and each X by its sub-circuit's cards:
+a few lines can expand to more than any machine holds.
 """
 
 from __future__ import annotations

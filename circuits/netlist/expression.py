@@ -463,7 +463,7 @@ def _called(name, arguments, names):
             raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
         bindings = dict(zip(formal, arguments, strict=True))
 
-        # ngspice puts a function's text in the place of its call: other names are the caller's.
+        # ngspice replaces a call by the function's text: other names are the caller's.
         def within(name):
             return bindings[name] if name in bindings else names.name(name)
 

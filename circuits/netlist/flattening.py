@@ -84,7 +84,7 @@ class _Line:
         self.named = dict(named)
 
     def refuse(self, fault: str) -> NoReturn:
-        """Raise NetlistError with the place."""
+        """Raise NetlistError with file and line."""
         refuse(self.card, f"{self.name}: {fault}")
 
     def numbers(self, *without: str) -> dict[str, float]:
@@ -165,7 +165,7 @@ def _with_model(line):
     flags = tuple(word for word in line.plain[position + 1 :] if word in ("on", "off"))
     bare = [word for word in line.plain[position + 1 :] if word not in ("on", "off")]
     if len(bare) > 1 or (bare and "area" in line.named):
-        line.refuse(f"two values behind the model, {' '.join(bare)[:40]}: write area=")
+        line.refuse(f"two values after the model, {' '.join(bare)[:40]}: write area=")
     numbers = line.numbers()
     if bare:
         numbers["area"] = line.scope.value(bare[0])

@@ -102,7 +102,7 @@ def _arithmetic(code, a, b):
 
 
 def divisor(b: float) -> float:
-    """The divisor that ngspice uses in place of b: moved away from 0."""
+    """The divisor that ngspice uses instead of b: moved away from 0."""
     return b + LEAST_DIVISOR if b >= 0.0 else b - LEAST_DIVISOR
 
 

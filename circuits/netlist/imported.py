@@ -27,7 +27,7 @@ PINS = (*PIEZO_PINS, *OUTPUT_PINS)
 # stray .ends with their lines. Other statements control a simulator's run.
 KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else", ".elseif", ".endif")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
-# LTspice's parasitic parts within a part. Elements take their place.
+# LTspice's parasitic parts within a part. They become separate elements.
 _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 _VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
 _CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
@@ -94,7 +94,7 @@ def imported(
         for part in topology.parts
         if part.letter in "vi" and {*map(_key, part.ends)} == {*nodes[:2]}
     }
-    notes += [f"{part_name}: removed, the harvester takes its place" for part_name in sorted(gone)]
+    notes += [f"{part_name}: removed, the harvester replaces it" for part_name in sorted(gone)]
     _check_ground(topology, pins)
     currents = _currents(topology, gone)
     functions: list[str] = []
@@ -218,9 +218,7 @@ def _currents(topology, gone):
     for part in topology.parts:
         name = part.name.lower()
         if name in gone:
-            expressions[name] = (
-                f"I({part.name}): {part.name} is removed: the harvester takes its place"
-            )
+            expressions[name] = f"I({part.name}): {part.name} is removed: the harvester replaces it"
         elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
             expressions[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
         elif part.letter not in "vehl":

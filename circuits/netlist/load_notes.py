@@ -17,7 +17,7 @@ LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
 # hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
 LEAST_TURN = 1e-8
 # Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
-# one switch behind a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
+# one switch after a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
 # Run time of a realization by either engine, in seconds, above which a note states it.
 LONG = 60.0
@@ -43,7 +43,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
             unit = "F" if element.letter == "c" else "Ω"
             notes.append(
                 f"{element.place} across the output is {element.size:g} {unit}: "
-                "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
+                "in SPICE F after a number is femto and M is milli; a farad has no letter, "
                 "a million is meg"
             )
     notes += [

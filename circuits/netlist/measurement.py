@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from circuits.netlist.measures import Measure
     from circuits.netlist.scope import Scope
 
-# A power that jumps is evaluated at this number of places within each step, an even one.
+# A power that jumps is evaluated at this even number of times within each step.
 JUMP_PLACES = 32
 # Letters of diodes, switches and transistors, which part the two sides of a rectifier.
 _RECTIFYING = "dswqmj"

@@ -87,7 +87,7 @@ def size(
     if nominal is None:
         nominal = _by_model(letter, model, numbers)
     if nominal is None:
-        raise ExpressionError("it has no value: write one behind its nodes, or name a model")
+        raise ExpressionError("it has no value: write one after its nodes, or name a model")
     temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
     warmer = temperature - model.get("tnom", TEMPERATURE)
     first = _first_of(numbers, model, "tc1", "tc", "tc1r")

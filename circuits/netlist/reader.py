@@ -120,7 +120,7 @@ class _Reader:
         return cards
 
     def _text(self, path, place):
-        """Contents of a file in whatever encoding such files come."""
+        """Contents of a file in any usual encoding."""
         self._files += 1
         if self._files > MOST_FILES:
             raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
@@ -160,7 +160,7 @@ def _included(argument, beside, folder, where):
     if outside:
         raise NetlistError(f"{shown_place}: lies outside the load's folder: copy it into it")
     if missing:
-        raise NetlistError(f"{shown_place}: no such file beside the load")
+        raise NetlistError(f"{shown_place}: no such file in the load's folder")
     return path
 
 

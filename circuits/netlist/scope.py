@@ -3,7 +3,7 @@
 A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
 value given in the call goes before a .param of the sub-circuit, that before the default of its
 .subckt line. Functions, models and sub-circuits are looked for where their user is *defined*,
-outwards. A function's text takes the place of its call, so that its free names are the caller's.
+outwards. A function's text replaces its call, so that its free names are the caller's.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ class Scope:
         return inside
 
     def _check_given(self, key, text, value):
-        """Refuse a value whose names mean another here: ngspice would take those."""
+        """Raise if names in a value have another meaning here, which ngspice would use."""
         if number(text) is not None:
             return
         own_names = {*self.given, *self.circuit.local, *self.circuit.parameters}

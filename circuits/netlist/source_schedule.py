@@ -151,7 +151,7 @@ class Steps:
                 raise LoadError(
                     f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes "
                     f"within less than a {MOST_STEPS}th of the device's steps of {self._step:.3g} "
-                    "s: no run can follow; slow it down, or put its mean in its place"
+                    "s: no run can follow; slow it down, or replace it by its mean"
                 )
             middle = 0.5 * (low + high)
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])

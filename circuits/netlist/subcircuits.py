@@ -217,7 +217,7 @@ def _override(root, top, given, path):
 
 
 def _vet(circuit):
-    """Judge every card of a sub-circuit and of those within it, in place."""
+    """Check every card of a sub-circuit and of nested ones, and replace it in the list."""
     scope = circuit.scope()
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():

@@ -12,7 +12,7 @@ from harvester.base.errors import NetlistError
 GROUND = "0"
 # Letters of elements whose third and fourth nodes control them and carry no current.
 CONTROLLED_BY_NODES = ("e", "g", "s")
-# Matches PSpice's controlling nodes in parentheses, behind an element's own two.
+# Matches PSpice's controlling nodes in parentheses, after an element's own two.
 _PAIR = re.compile(r"(?i)^([eg]\S*\s+\S+\s+\S+\s+)\(\s*([^(),\s]+)[\s,]+([^(),\s]+)\s*\)")
 # Letters of transistors. Current flows from the first node to the third: drain or collector, gate
 # or base, source or emitter. A bulk or substrate may follow.

@@ -16,7 +16,7 @@ from circuits.netlist.vetting import Scope, check_nodes, listed, refuse
 DEEPEST_DEFINITION = 20
 _INSTEAD = {
     ".ic": " (write ic= after the capacitor or coil)",
-    ".title": " (write the title behind *)",
+    ".title": " (write the title after *)",
     ".global": " (give the sub-circuits a pin for it)",
 }
 # Matches a comma in front of the next `name=`, which is not one between a function's arguments.

@@ -68,7 +68,7 @@ LONGEST_FAULT = 300
 # Matches a pair name=value, whose value may be an expression in braces.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
 _QUOTED_FACT = re.compile(rf'\s*\b({"|".join(sorted(FACTS))}) ?= ?"[^"]*"')
-# Matches both coefficients of temperature behind one key.
+# Matches both coefficients of temperature after one key.
 _TWO_COEFFICIENTS = re.compile(
     r" tc=(\{[^{}]*\}|[^\s,={}]+)(?: ?, ?| )(\{[^{}]*\}|[-+.\d][^\s=]*)(?= |$)"
 )
@@ -93,7 +93,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def refuse(card: Card, fault: str) -> NoReturn:
-    """Raise NetlistError with the place and the fault, as much of it as one line takes."""
+    """Raise NetlistError with file, line and fault, shortened to one line."""
     end = " …" if len(fault) > LONGEST_FAULT else ""
     raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
@@ -113,7 +113,7 @@ def tidy(card: Card) -> Card:
     if re.search(r"(?<!\w)(file|pwlfile)\s*=|(?<!\w)wavefile", text):
         refuse(card, "file= is not accepted: a load reads no files")
     if '"' in text:
-        refuse(card, "a double quote has no place in a load but around an included file's name")
+        refuse(card, "a double quote is allowed around an included file's name alone")
     text = re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
     return Card(_joined_braces(card, text), card.where)
 

@@ -331,7 +331,7 @@ def _load_step(state, copy, points, step, longest):
 def _shortest(state, s, ahead, step):
     """Longest step that resolves contacts and loads of all copies.
 
-    `ahead` is the next knot's place in the window, `step` the grid's.
+    `ahead` is the next knot's index in the window, `step` the grid's.
     """
     shape = (state.copies, state.points, state.columns)
     buffer = carray(_pointer(state.buffer), shape, np.float64)

@@ -82,7 +82,7 @@ def resolving_step(
     history : (float64 array (points, columns), float64 array (points,), int)
         Accepted points of one copy, their times (s), and the first column watched.
     now : (int, int, int, int)
-        Places of the latest points, the newest first.
+        Indices of the latest points, the newest first.
     switches : ndarray, shape (switches, 2)
         Control above which each closes, below which it opens.
     stores : ndarray, shape (stores, 2)

@@ -40,7 +40,7 @@ class StationaryMethod(NamedTuple):
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
     of_spectrum : bool
-        Whether it takes the prepared scene, with any spectrum of its excitation, in place of the
+        Whether it takes the prepared scene, with any spectrum of its excitation, instead of the
         device with the noise of Eq. 6.
     """
 

@@ -122,7 +122,7 @@ class OrbitDensity:
         )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """A density as a table (places, values), as far out as it matters and finer where orbits
+        """A density as a table (points, values), as far out as it matters and finer where orbits
         crowd.
         """
         turning = self._turning(name)

@@ -171,7 +171,7 @@ def _neighbours(places, nodes, width):
 
 @compiled
 def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Lagrange's weights, by which a mass at each place is shared among all nodes: (..., nodes)."""
+    """Lagrange's weights, by which a mass at each point is shared among all nodes: (..., nodes)."""
     weights = np.ones((places.size, nodes.size))
     for n, position in enumerate(places.flat):
         for node in range(nodes.size):

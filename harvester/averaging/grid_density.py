@@ -85,7 +85,7 @@ class GridDensity:
         return float(CubicSpline(places, density).integrate(places[0], end))
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Places where a density is known as far out as it reaches, and it there: two ndarrays."""
+        """Points over the whole range of a density, and its values there: two ndarrays."""
         places = self._evenly(getattr(self, f"_{name}").x)
         return places, getattr(self, name)(places)
 

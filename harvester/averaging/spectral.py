@@ -22,7 +22,7 @@ LOWEST, HIGHEST = 2.0**-10, 2.0**34
 BEYOND = np.array([1e14, 1e15])
 # The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated at this many places, up to this many standard deviations.
+# A Gaussian density is tabulated at this many points, up to this many standard deviations.
 DEVIATIONS, PLACES = 6.0, 241
 
 
@@ -199,7 +199,7 @@ class GaussianDensity:
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """A density as a table: (places, values)."""
+        """A density as a table: (points, values)."""
         axis = self.names.index(name)
         deviation = math.sqrt(self.covariance[axis, axis])
         spring = self.system.spring

@@ -198,7 +198,7 @@ def written(value: float, how: str, unit: str = "") -> Printed:
 
 
 def count(size: float | None) -> Printed:
-    """How many there are: "below 1", 96, 9,100,000."""
+    """Text of a number of items: "below 1", 96, 9,100,000."""
     if size is None or not math.isfinite(size):
         return Printed("")
     if size < 1.0:

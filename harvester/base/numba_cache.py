@@ -64,7 +64,7 @@ def begins_with_text(content: bytes) -> bool:
 
 
 def unpickled(content: bytes, path: str) -> Any:
-    """Unpickle the content behind a digest; None if the digest does not match or a class is
+    """Unpickle the content after a digest; None if the digest does not match or a class is
     missing."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:

@@ -38,7 +38,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     try:
         # Checked before it is opened, since opening a device may have an effect.
         _check(os.stat(file), where, noun, largest)
-        # O_NONBLOCK: a pipe that has taken the file's place since then does not block.
+        # O_NONBLOCK: a pipe that has replaced the file since then does not block.
         descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as stream:
             return stream.read(_check(os.fstat(descriptor), where, noun, largest))

@@ -19,7 +19,7 @@ IN_USE, UNLOCKED = "harvester-run-", "harvester-new-"
 class TemporaryFolder:
     """An empty folder of this process, removed by `cleanup`, by the end of the block or process.
 
-    A process that is killed leaves its folder behind. The system then releases the folder's lock,
+    A killed process does not remove its folder. The system then releases the folder's lock,
     by which the next process that makes one knows that nobody owns it.
 
     `within`: folder in which it is made; None: the system's folder for temporary files.

@@ -29,7 +29,7 @@ STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
 MOST_LINKS = 40
-# Name of the temporary file that replaces the old one. A kill may leave it behind.
+# Name of the temporary file that replaces the old one. It remains after a kill.
 ASIDE = ".harvester-{}"
 ASIDE_BYTES = 8
 UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
@@ -167,7 +167,7 @@ def _status(path):
 
 
 def _real_path(path, status):
-    """Where the file is or will be; a link to a place whose folder is missing is refused."""
+    """Path of the file to be written; raises if it is a link into a missing folder."""
     real = Path(os.path.realpath(path))
     if status is None and os.path.islink(path) and not real.parent.is_dir():
         raise OutputError(f"{path}: is a link into a folder that is not there, {real.parent}")
@@ -198,7 +198,7 @@ def _write_standard_output(content):
 
 
 def _replace(real, old, content):
-    """Put a whole file in the place of the old one, or of none; nothing is left of a failure."""
+    """Replace or create a file as a whole; after a failure nothing has changed."""
     real.parent.mkdir(parents=True, exist_ok=True)
     aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
     try:

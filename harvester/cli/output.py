@@ -80,7 +80,7 @@ def write_result(
     from harvester.base.writing import write_json
     from harvester.results.files import save
 
-    # If one place is full, the other still gets the result.
+    # If one disk is full, the other still gets the result.
     try:
         if json:
             write_json(json, result.to_dict())

@@ -1,4 +1,4 @@
-"""The coil: a voltage that the velocity induces, behind winding and inductance.
+"""The coil: a voltage induced by the velocity, in series with winding and inductance.
 
 M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v, with v at the load. Scaled, with e = L i/(Φ l):
 e' = X' − λ e. Without inductance the current follows the velocity and nothing is left to

@@ -47,7 +47,7 @@ class Key:
     element, count
         Of a list: meaning of a value, and the smallest and largest number of values.
     likely
-        Sizes that a part can have, with the unit that is often given in place of the key's: its
+        Usual sizes of a part, with the unit that is often mistaken for the key's: its
         factor and name.
     usual, asked
         Range of common devices (SI). `harvester new` asks for keys that have one or are `asked`.
@@ -287,7 +287,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
     if not value <= spec.high or too_low:
         refuse()
     if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        refuse(f", and of a size that can be computed with: {SMALLEST:g} to {LARGEST:g}")
+        refuse(f", and within the range of computation, {SMALLEST:g} to {LARGEST:g}")
     if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
         least, most, factor, unit = spec.likely
         meant = value * factor

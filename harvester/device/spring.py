@@ -161,7 +161,7 @@ class Ranged(NamedTuple):
 
 
 def ranged(spring: Any, low: float, high: float) -> Ranged:
-    """A spring within a range; the lines beyond are as stiff as its stiffest place."""
+    """A spring within a range; the lines beyond are as stiff as its stiffest point."""
     x = np.linspace(low, high, STIFFNESS_POINTS)
     stiffness = float(np.abs(spring.slope(x)).max())
     # A mass that leaves the range must turn within a distance like the range itself.

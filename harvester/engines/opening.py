@@ -43,7 +43,7 @@ def open_runner(
     workers : int or None
         Processes of our own; None: one per core.
     executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
-        Executor used in place of own workers; the numbers are the same.
+        Executor used instead of own workers; the numbers are the same.
     scheduler : str or None
         Address of a Dask scheduler, instead of them.
     time_budget : float or None

@@ -1,6 +1,6 @@
 """The steady motions of a deterministic device, from the several starts of one run.
 
-`attractors` reports all of them, for `simulate`. A study prints one number a place: `followed`
+`attractors` reports all of them, for `simulate`. A study prints one number a point: `followed`
 takes the quantities of one orbit from the same groups of starts, and names the others.
 """
 

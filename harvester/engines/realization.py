@@ -155,7 +155,7 @@ class _WatchedOutput:
         levels: Sequence[np.ndarray | None],
         energy: np.ndarray,
     ) -> None:
-        """Points with the load's measures, its levels, and behind these its probes."""
+        """Points with the load's measures, its levels, and then its probes."""
         recorded = len(self._moments.rows) - len(values)
         self._moments.add(time, voltage, values, levels[:recorded], energy)
         probes = [np.zeros_like(time) if level is None else level for level in levels[recorded:]]

@@ -41,7 +41,7 @@ def running(
 
 
 def optimal_batch_size(prepared_scene: Prepared, engine: Engine, pool: Workers) -> int:
-    """Realizations in one call of an engine: its option `copies`, else the fastest number."""
+    """Realizations per call of an engine: its option `copies`, else the fastest number."""
     count = distinct_realizations(prepared_scene)
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
@@ -133,7 +133,7 @@ def outcomes(
     follow: Callable | None,
     keep_going: bool,
 ) -> list[Realization | SimulationError]:
-    """A Realization or the SimulationError in its place, for every realization in order.
+    """A Realization or its SimulationError, for every realization in order.
 
     Realizations that failed together are tried again one by one. Raises SimulationError if one
     failed and nothing keeps going, or if all failed.

@@ -50,13 +50,13 @@ def knots(usual: str) -> Any:
 def realization_seed(seed: int, index: int) -> SeedSequence:
     """The independent `SeedSequence` of one realization, the same whatever runs it.
 
-    It is the child that `SeedSequence(seed).spawn` gives at this place, without its siblings.
+    It is the child that `SeedSequence(seed).spawn` gives at this index, without its siblings.
     """
     return np.random.SeedSequence(seed, spawn_key=(index,))
 
 
 def child_seed(seed: SeedSequence, index: int) -> SeedSequence:
-    """The child that `seed.spawn` would give at this place, without changing the seed."""
+    """The child that `seed.spawn` would give at this index, without changing the seed."""
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index))
 
 

@@ -74,7 +74,7 @@ def _write(words, law, last, numbers, done):
     while done < numbers.size and position < words.size - SPARE_WORDS:
         word = words[position]
         position += 1
-        # Eight bits choose the strip, one bit the sign, 52 bits the place in the strip.
+        # Eight bits choose the strip, one bit the sign, 52 bits the position in the strip.
         strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         normal = across * WIDTH[strip]
         normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal
@@ -90,7 +90,7 @@ def _write(words, law, last, numbers, done):
 
 @compiled
 def _beyond(words, position, strip, across, normal):
-    """A number outside the rectangle within a strip, nan if it is refused; and the next place."""
+    """A number outside the rectangle within a strip, NaN if rejected; and the next index."""
     if strip > 0:
         density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[position]) + HEIGHT[strip]
         return normal if density < math.exp(-0.5 * normal * normal) else math.nan, position + 1

@@ -54,6 +54,6 @@ def write_out_profile(table: dict[str, Any], where: str) -> None:
     }
     for key in values:
         if key in table:
-            raise SceneError(f"{where}.{key}: the profile {name} sets it already: remove one of them")
+            raise SceneError(f"{where}.{key}: the profile {name} sets it: remove one of them")
     del table["profile"]
     table |= values

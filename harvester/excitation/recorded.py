@@ -37,7 +37,7 @@ NOTED_OFFSET = 0.1
 STRETCHES, STEADY = 4, 1.1
 # The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
 # if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
-# behind a filter of Q < 20 has less.
+# after a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
 # A smooth record gets this many knots for each sample. At seven samples a period, straight lines
 # between these knots lower the amplitude by 0.1 %.

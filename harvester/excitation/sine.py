@@ -105,7 +105,7 @@ class SteppedSine(Harmonic):
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
     def base_displacement(self, times: np.ndarray, place: int) -> np.ndarray:
-        """The displacement η/ω² of the base at the frequency of this place (m in SI)."""
+        """The displacement η/ω² of the base at this frequency (m in SI)."""
         frequency = self.frequencies[place]
         turns = sum(self.frequencies[:place]) * self.dwell
         angle = 2.0 * math.pi * (turns + frequency * (times - place * self.dwell))

@@ -88,7 +88,7 @@ class Sum(Excitation):
         return (*((frequency, abs(phasor)) for frequency, phasor in phasors.items()), *others)
 
     def _leaves(self):
-        """The parts, and in place of a sum its own."""
+        """The parts; nested sums are replaced by their parts."""
         nested = (part._leaves() if isinstance(part, Sum) else [part] for part in self.parts)
         return [leaf for leaves in nested for leaf in leaves]
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Shortest record, in periods of the motion; a third of it is kept aside.
+# Shortest record, in periods of the motion; a third of it is validation data.
 FEWEST_PERIODS = 12.0
 FEWEST_SAMPLES_PER_PERIOD = 5.0
 # The base's acceleration must have power between these multiples of the motion's median frequency.
@@ -76,7 +76,7 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
             )
         if len(record.outputs) == 1:
             raise IdentificationError(
-                f"{record.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"{record.name}: a velocity in volts does not determine its scale: give it after "
                 f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
             )
 
@@ -86,7 +86,7 @@ def check_kept_aside(
     fitted: Sequence[Measurement | MeasuredResponse],
     aside: Sequence[Measurement | MeasuredResponse],
 ) -> None:
-    """Raise IdentificationError for responses kept aside, and for keys that no record can free."""
+    """Raise IdentificationError for validation responses, and for keys that no record can free."""
     names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
     if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
         raise IdentificationError(
@@ -103,7 +103,7 @@ def check_kept_aside(
         if isinstance(record, MeasuredResponse):
             raise IdentificationError(
                 f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
-                "it as --record, of which every third frequency is kept aside"
+                "it as --record, of which every third frequency is kept for validation"
             )
         for key in record.own:
             if key not in names:

@@ -22,7 +22,7 @@ SEGMENTS = 12
 
 
 def draw(found: Any) -> Figure:
-    """Draw an `Identification`'s prediction of the first record's part that was kept aside.
+    """Draw an `Identification`'s prediction of the first record's validation part.
 
     Panels are waveforms, spectra, densities and the residuals' correlation.
     """

@@ -1,4 +1,4 @@
-"""One model fitted to records, with its intervals and its prediction of the data kept aside.
+"""One model fitted to records, with its intervals and its prediction of validation data.
 
 Of records in time the first part is fitted, of frequency responses and impedances two of every
 three lines. Records of several kinds are fitted together: each kind is followed by its own model
@@ -83,7 +83,7 @@ class Fitted:
     records : list of ValidationRecord
         The kept-aside part of each record.
     settled : ShootingFit or None
-        Windows of the parts kept aside, of records in time.
+        Windows of the validation parts, of records in time.
     """
 
     scene: Scene
@@ -110,7 +110,7 @@ class Fitted:
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether the residuals of the data kept aside are only noise, so that no model can
+        """Whether the residuals of the validation data are only noise, so that no model can
         be better."""
         return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
 
@@ -132,7 +132,7 @@ class Fitted:
 
     @property
     def nrmse(self) -> float:
-        """Normalized rms error of the first output over all stretches kept aside."""
+        """Normalized rms error of the first output over all validation stretches."""
         return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
 
@@ -150,7 +150,7 @@ def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str,
     return sizes_of(base.scene, measurements, reach * length, speed * length)
 
 
-# Share of each record, from its beginning, that is fitted; the rest is kept aside.
+# Share of each record, from its beginning, that is fitted; the rest is validation data.
 FITTED_SHARE = 2.0 / 3.0
 # With fewer samples in a period of the motion than this the base's path is a spline, not straight
 # lines between samples: of 20 samples lines take 0.8 % of the amplitude, of 7 they take 6.5 %.

@@ -45,7 +45,7 @@ LEGEND = (
     "was kept aside: nothing was fitted to it but the states at the beginnings of windows."
 )
 CAPTION = (
-    "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
+    "The validation part. Grey: measured; blue: predicted (waveforms in windows, spectra and "
     "densities from one start alone); orange: the difference in windows."
 )
 # Verdicts of models whose values are claimed.

@@ -47,7 +47,7 @@ def identify(
     posterior: bool = False,
     progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Identification:
-    """Fit a scene's numbers to measured records, with intervals and a proof on data kept aside.
+    """Fit a scene's numbers to measured records, with intervals and validation on unused data.
 
     Parameters
     ----------

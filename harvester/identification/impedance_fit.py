@@ -1,8 +1,8 @@
 """From an impedance to a scene's numbers.
 
-Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the place where
-the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are known, and
-stiffness, damping and coupling² are in proportion to the scene's mass.
+Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the position
+where the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are
+known, and stiffness, damping and coupling² are in proportion to the scene's mass.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whole records kept aside: a run from one start under the recorded acceleration of each.
+"""Whole validation records: a run from one start under the recorded acceleration of each.
 
 A prediction is claimed within the ranges that the fitted records visited; beyond, a model
 extrapolates.
@@ -58,7 +58,7 @@ SINE, SINE_LINES = 0.9, 3
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 # The visited frequencies lie between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
-# A place may lie outside the visited displacements by this share of their range.
+# A position may lie outside the visited displacements by this share of their range.
 MARGIN = 0.02
 # A prediction is claimed while its run leaves the range of visited displacements, or the load that
 # of the loads, by at most this share, and the frequencies stay within this factor.
@@ -82,7 +82,7 @@ class Visited:
     extrapolated : tuple of str
         Features of the device that lie outside, in words.
     values : tuple of str
-        Keys of values that describe the spring about a place that no record visited.
+        Keys of values that describe the spring around a position that no record visited.
     si : bool
         Whether the scene is in SI units.
     """
@@ -297,7 +297,7 @@ def _model_error(records, missed):
 
 
 def _of_record(fitted, measurement, visited, values, model_error, limit):
-    """Compare one record kept aside with its prediction."""
+    """Compare one validation record with its prediction."""
     shooting, noise = _shooting(fitted, measurement)
     values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, limit)
     record, settled = _settled(shooting, values[0], noise, reach)

@@ -49,7 +49,7 @@ class Motion:
     measured: bool
 
     def centred(self, place: float) -> Motion:
-        """The motion with its mean at a place; unchanged if the displacement itself was
+        """The motion with its mean at a position; unchanged if the displacement itself was
         measured."""
         return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
 

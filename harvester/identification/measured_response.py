@@ -18,7 +18,7 @@ from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
 from harvester.records.quantities import QUANTITIES
 
-# Fewest frequencies in a response. One line in three is kept aside.
+# Fewest frequencies in a response. One line in three is validation data.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
 # A response is conjugated if it turns by more than this share of all its turning, lines weighted by
 # their squares, towards larger phases: a device's turns the other way, noise either way.
@@ -101,7 +101,7 @@ class MeasuredResponse:
 
     @property
     def aside(self) -> np.ndarray:
-        """Mask of the lines that are kept aside."""
+        """Mask of the validation lines."""
         return np.arange(self.frequency.size) % KEPT_ASIDE == 1
 
     def _arrays(self):
@@ -250,7 +250,7 @@ def read_impedance(
         CSV or another file of columns, or `.s1p` (Touchstone).
     settings : dict of str to str, optional
         `frequency`, `impedance` and `phase` (or `impedance` alone for complex numbers), or
-        `resistance` and `reactance`: the column's name or number from 0, with its unit behind a
+        `resistance` and `reactance`: the column's name or number from 0, with its unit after a
         colon where its heading does not say it.
 
     Raises

@@ -61,7 +61,7 @@ class Measurement:
         Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     own : tuple of str
         Keys of the scene whose values are unknown and of this record alone, such as the constant
-        force of a base that was tilted for it. Only a record kept aside has such values.
+        force of a base that was tilted for it. Only a validation record has such values.
     """
 
     acceleration: np.ndarray

@@ -1,4 +1,4 @@
-"""Values that a record kept aside alone tells, such as the force of a base tilted for it.
+"""Values that differ for one validation record, such as the force of a base tilted for it.
 
 They are found as the windows' starts are: where the record, followed in windows by a device whose
 other values are given, leaves least. The windows are short at first, and the record is tried from

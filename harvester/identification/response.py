@@ -211,7 +211,7 @@ class Responses:
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """States at samples, states behind each window, and the outputs, of one experiment.
+        """States at samples, states after each window, and the outputs, of one experiment.
 
         Parameters
         ----------

@@ -278,7 +278,7 @@ def _kept(transitions, growth, edges, most):
     """Indices of the windows at which the joined windows begin.
 
     An error of the start may decay, and one from an inexact value may still grow later. So `totals`
-    holds the transition matrices from the start and from all places whose errors grow.
+    holds the transition matrices from the start and from all samples whose errors grow.
     """
     first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):

@@ -1,11 +1,11 @@
-"""Effects of sensors on their signals, and the true quantities behind those signals.
+"""Effects of sensors on their signals, and the true quantities that cause the signals.
 
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
 it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
 What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
 sensor has no information on it.
 
-An output is compared behind its sensor: the simulated one goes through the sensor's filters. To
+An output is compared after its sensor: the simulated one goes through the sensor's filters. To
 put the measured one right would integrate its noise, and a free corner would come out too low. A
 filter's state at the beginning of a window is unknown: it is that with which the window fits best.
 """
@@ -33,8 +33,8 @@ OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
 BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
 VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
 # Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
-# a period its error is 1e-4 of the amplitude. There is one matrix for each place of the step among
-# the six; it gives each sample's polynomial, from the step's beginning.
+# a period its error is 1e-4 of the amplitude. There is one matrix for each position of the step
+# among the six; it gives each sample's polynomial, from the step's beginning.
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
@@ -145,7 +145,7 @@ def invert_high_pass(
 def filtered(
     values: np.ndarray, edges: np.ndarray, time_constant: float, corner: float, second_corner: float
 ) -> np.ndarray:
-    """Windows of a series behind a low-pass of first order and high-passes, from any state.
+    """Windows of a series after a low-pass of first order and high-passes, from any state.
 
     The time constant is in samples, 0 for no low-pass; corners are in radians per sample.
     """

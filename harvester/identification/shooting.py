@@ -444,7 +444,7 @@ def placed(
 def repaired(
     shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
 ) -> tuple[ShootingFit, list[np.ndarray]]:
-    """The fit with some windows' starts at the best places that can be found for them.
+    """The fit with some windows' starts at the best states that can be found for them.
 
     Parameters
     ----------

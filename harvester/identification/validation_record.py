@@ -225,7 +225,7 @@ class ValidationRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseRecord(ValidationRecord):
-    """The frequencies of a measured response that were kept aside.
+    """The validation frequencies of a measured response.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class ResponseRecord(ValidationRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class ImpedanceRecord(ResponseRecord):
-    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+    """The validation frequencies of an impedance; outputs are ln |Z| and phase."""
 
     quantity: ClassVar[str] = "impedance"
     compared: ClassVar[tuple[str, str]] = ("mean |Z|", "Ω")
@@ -463,7 +463,7 @@ def predicted(
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
-    """Predictions of the lines of a response or an impedance that were kept aside."""
+    """Predictions of the validation lines of a response or an impedance."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])

@@ -9,8 +9,8 @@ The first line that applies gives the verdict; `RULES` has them in this order.
 | more than noise is left of a record, in size or by regression | incomplete | find the part |
 | the records need a further term of the spring | incomplete | free it |
 | the records need another gain, mass or load | incomplete | calibrate, or free it |
-| a claimed record kept aside is not as predicted | incomplete | find the part |
-| a record kept aside cannot be followed even in windows | incomplete | free its own value |
+| a validation record contradicts a claimed prediction | incomplete | find the part |
+| a validation record cannot be followed even in windows | incomplete | free its own value |
 | a further term of the spring would leave its values uncertain | fits | larger motions |
 | none of these | predicts | use it within the visited range |
 
@@ -176,7 +176,7 @@ def _not_followed(evidence):
     others = [record for record in evidence.whole if not record.follows]
     if not others:
         return None
-    return f"{others[0].left:.0%} of {others[0].name}, kept aside, is left even in windows"
+    return f"the model misses {others[0].left:.0%} of {others[0].name} even in windows"
 
 
 def _uncertain_spring(evidence):

@@ -212,12 +212,12 @@ def write_verilog_a(
 def _vacask_deck(block):
     """VACASK compiles a module that it is to load.
 
-    It takes a step of first order behind every knot of the vibration, which only its tolerance
+    It takes a step of first order after every knot of the vibration, which only its tolerance
     shortens: 25 periods of the scene `tristable` came out 1.3e-4 off at 1e-9, 1.4e-5 at 1e-10.
     """
     points = ", ".join(f"{float(time)!r}, {float(value)!r}" for time, value in block.vibration)
     name, step, stop = block.name, float(block.step), float(block.stop)
-    return f"""{name} behind its scene's vibration and a resistor
+    return f"""{name} with its scene's vibration and a resistor
 // vacask {name}_test.sim
 ground 0
 load "resistor.osdi"
@@ -238,7 +238,7 @@ endc
 
 def _osdi_deck(block):
     name = block.name
-    return f"""* {name} behind its scene's vibration and load
+    return f"""* {name} with its scene's vibration and load
 * openvaf-r {name}.va -o {name}.osdi; ngspice -b -r {name}.raw {name}_test.cir
 * Several threads wait for each other on a busy machine: the same run then took 0.3 to 60 s.
 .control
@@ -285,7 +285,7 @@ def _deck(block, dialect):
     }[dialect]
     load = load_of(block, dialect)
     lines = [
-        f"* {name} behind its scene's vibration and {'a resistor' if load[0] == 'R' else 'load'}",
+        f"* {name} with its scene's vibration and {'a resistor' if load[0] == 'R' else 'load'}",
         f'.include "{name}.lib"',
         source,
         f"Xharvester p 0 base x {name}",

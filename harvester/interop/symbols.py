@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Positions of the pins: (side, place on it) in steps of the grid, from the top.
+# Positions of the pins: (side, position on it) in steps of the grid, from the top.
 PLACES = {"base": ("left", 1), "x": ("left", -1), "p": ("right", 1), "n": ("right", -1)}
 
 

@@ -33,7 +33,7 @@ RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 
 def setting_of(key: str, quantity: str) -> str:
-    """The setting behind a file on a command line for a quantity's "column", "unit" or "scale"."""
+    """The setting after a file on a command line for a quantity's "column", "unit" or "scale"."""
     if not quantity:
         return f"{key}=HZ"
     return f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
@@ -45,7 +45,7 @@ class MeasuredFile:
     `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
     of each column of a table of points; empty: any, as the headings say. `setting`: the name, for
     messages, of the setting that gives a quantity's "column", "unit" or "scale", or (with "" as the
-    quantity) the "sampling_rate"; `behind` says where it is given. Raises SceneError if it is no
+    quantity) the "sampling_rate"; `behind`: its source, for messages. Raises SceneError if it is no
     record.
 
     Attributes
@@ -288,7 +288,7 @@ class MeasuredFile:
         clock = clocks[0] if index is None else index
         numbers = self.take([*beside, clock])[-1]
         if index is None:
-            # A column without a unit may be in any, also in samples.
+            # A column without a unit may have any unit, including samples.
             written = self.headings[clock].unit
             units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
         else:

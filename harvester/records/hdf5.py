@@ -169,7 +169,7 @@ def _text_attribute(dataset, names):
 
 
 def _number_attributes(holder, path=""):
-    """Attributes that hold a single number, by their names behind a path."""
+    """Attributes that hold a single number, by path and name."""
     attributes = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         f"{path}{name}": float(value.ravel()[0])

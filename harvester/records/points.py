@@ -16,7 +16,7 @@ from harvester.records.formats import format_of
 from harvester.records.quantities import QUANTITIES, quantity_of
 
 LARGEST_FILE = 1_000_000
-# A comment behind numbers.
+# A comment after numbers.
 INLINE = re.compile(r"(?<=[\d \t])#.*")
 NUMBER = re.compile(r"[-+\d.,eE\s]*\d[-+\d.,eE\s]*")
 

@@ -87,7 +87,7 @@ WORDS: dict[str, dict[str, str]] = {
     **dict.fromkeys(IMPEDANCES, OHM_WORDS),
 }
 LENGTHS = ("m", "cm", "mm", "ft", "in")
-# How "per second squared" and "per second" are written behind a length; the usual way first.
+# Spellings of "per second squared" and "per second" after a length; the usual one first.
 PER_TIME = {
     "acceleration": "/s^2 /s2 /s/s /(s^2) /sec^2 /sec2 /sec/sec s^-2 s-2 s^(-2) /s**2 "
     "_s2 _s^2 _s-2 s2 ps2 ps^2 pers2 _per_s2 _per_s^2",
@@ -211,7 +211,7 @@ LETTERS = {
 }
 # A name, followed by a text in brackets.
 BRACKET = re.compile(r"(.*?)(?:\[([^\[\]]*)\]|\{([^{}]*)\}|\(((?:[^()]|\([^()]*\))*)\))\s*")
-# A text in brackets behind a name that gives a place or a channel.
+# A text in brackets after a name that gives a position or a channel.
 LABEL = re.compile(
     r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
     r"north|east|south|west|up|down|vertical|horizontal|"

@@ -36,7 +36,7 @@ COMPLEX_NUMBER = re.compile(
 )
 # A quoted field, a unit in brackets, or a word followed by a unit in brackets.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
-# In a row of units, loggers write this for a column without a unit.
+# Entries of a row of units by which loggers mark a column without a unit.
 NO_UNIT = ("", "-", "ts", "rn")
 # Decimals and exponent of a number. A line that was cut short has fewer of them.
 DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
@@ -177,7 +177,7 @@ def _last_lines(content):
 
 
 def _scan(content, form):
-    """Lines above the first row, with whether they are comments; its number; rows; lines behind."""
+    """Lines above the first row, with whether they are comments; its number; rows; lines below."""
     above: deque = deque(maxlen=HEADER_LINES)
     last: list[str] = []
     width, first, rows, behind, ragged = len(form.kinds), 0, 0, 0, ""

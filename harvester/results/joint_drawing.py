@@ -23,7 +23,7 @@ TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": 
 
 
 def draw(results: Sequence[Any]) -> Figure | None:
-    """p(X, X') of every result that has one, in the places and the colours of the last of them.
+    """p(X, X') of every result that has one, on the grid and colour scale of the last of them.
 
     Wells are marked by dots, saddles by crosses.
     """

@@ -1,4 +1,4 @@
-"""Figures from data: panels of series with error bars, drawn in one place."""
+"""Figures from data: panels of series with error bars."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def draw_series(axes: Axes, series: Series) -> None:
     if series.shift:
         from matplotlib.transforms import ScaledTranslation
 
-        # After the drawing: the axes' limits follow marks in their own places only.
+        # After the drawing: the axes' limits follow marks in their original positions only.
         shift = ScaledTranslation(series.shift / 72.0, 0.0, axes.figure.dpi_scale_trans)
         for artist in (line, *caps, *stems, *empty):
             artist.set_transform(axes.transData + shift)

@@ -101,7 +101,7 @@ class Result(ResultBase):
     moments : list of harvester.statistics.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
-        The fit behind averaging over a record.
+        The fit that averaging over a record used.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
         If requested, the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.statistics.stroboscope.COLUMNS`; see `section`.

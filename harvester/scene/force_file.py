@@ -19,7 +19,7 @@ TABLES = {
 
 
 def read_points_of(tables: dict[str, Any], origin: str) -> None:
-    """Put the points of files in the place of the files' names in a scene's tables.
+    """Replace the names of files in a scene's tables by their points.
 
     In `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
     that is named is written out.

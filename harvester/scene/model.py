@@ -201,7 +201,7 @@ class Scene(Table):
         return TRANSDUCERS.name_of(type(self.transducer))
 
     def without_drawing(self) -> Scene:
-        """The scene with the lumped values of its drawing in place of the drawing."""
+        """The scene with the lumped values of its drawing instead of the drawing."""
         return dataclasses.replace(self, beam=None, magnets=None)
 
     def to_dict(self) -> dict[str, Any]:

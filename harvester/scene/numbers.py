@@ -21,7 +21,7 @@ NOT_VARIED = ("knot_spacing", "restoring_force_range")
 def numbers(scene: Scene) -> dict[str, Any]:
     """The numbers of a scene's device, load and excitation, without the run's.
 
-    One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
+    One of several tables, or of a list of numbers, is named by its index, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
     """
     values: dict[str, Any] = {}

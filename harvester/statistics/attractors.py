@@ -1,7 +1,7 @@
 """The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
 
 A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
-samples are the same cycle are on one attractor, whatever their place in it. Motions that do not
+samples are the same cycle are on one attractor, whatever their phase. Motions that do not
 repeat are distinguished by where they go: two starts are on one attractor where their samples fill
 the same cells of the section.
 """
@@ -105,7 +105,7 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
     """Each start's period, and how far it still is from the cycle that it comes to.
 
     Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
-    A slow store may hide behind a fast decay, so that its whole memory counts.
+    A fast decay may mask a slow store, so that its whole memory counts.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ def _place(value, axis, counts, widths):
 
 @compiled
 def _double(counts):
-    """Merge rows in pairs about the middle, in place."""
+    """Merge rows in pairs about the middle, in the array itself."""
     half = BINS // 2
     for k in range(half // 2):
         counts[half + k] = counts[half + 2 * k] + counts[half + 2 * k + 1]

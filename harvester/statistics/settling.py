@@ -475,8 +475,8 @@ def _expected_jumps(p, moments, estimates):
     """Largest likely number of jumps out of the wells, by the rate of a weakly damped mass.
 
     The energy is the upper end of its interval: runs with little energy by chance would else keep
-    error bars that others lose. The charge stays behind: it lifts the barrier by as much as the
-    load is slower than the motion.
+    error bars that others lose. The charge is slower than the motion: it lifts the barrier by as
+    much as the load is slower than the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
     lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)

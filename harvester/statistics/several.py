@@ -204,7 +204,7 @@ def add_point(
 ) -> None:
     """Add one realization's interval from the latest point to this, by trapezoids.
 
-    `cells` are a block's rows, `k` the place in them; the rest as in `Record`.
+    `cells` are a block's rows, `k` the index in them; the rest as in `Record`.
     """
     before = cells[DISPLACEMENT + k]
     interval = time - cells[TIME + k] if measured else 0.0

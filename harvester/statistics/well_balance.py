@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.statistics.moments import Moments
 
-# Fewest jumps behind an error bar: 16 jumps have a relative error of a quarter.
+# Fewest jumps for an error bar: 16 jumps have a relative error of a quarter.
 FEWEST_JUMPS = 16.0
 
 

@@ -63,7 +63,7 @@ MOST_KNOTS = 1e10
 # second is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
-# Its place among the quantities of a direction.
+# Its index among the quantities of a direction.
 RESIDUAL = 3
 # Quantities and their dimensions.
 QUANTITIES = {

@@ -1,4 +1,4 @@
-"""The points of a study: every load at every place of the swept values, on common noise."""
+"""The points of a study: every load at every point of the swept values, on common noise."""
 
 import itertools
 import math
@@ -30,7 +30,7 @@ GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'
 
 @dataclass(frozen=True)
 class GridPoint:
-    """One load at one place of the grid.
+    """One load at one point of the grid.
 
     Attributes
     ----------

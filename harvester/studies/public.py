@@ -317,7 +317,7 @@ def sweep(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Sweep:
-    """A scene at every place of a grid of values by every method, all on the same noise.
+    """A scene at every point of a grid of values by every method, all on the same noise.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ def sweep(
         Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
-        Relative standard error that each place is run for by the engines; None: the scene's own
+        Relative standard error that each point is run for by the engines; None: the scene's own
         run.
     step : str or float
         default, fine, finest, or the longest step in seconds, of the engines that are given by
@@ -345,7 +345,7 @@ def sweep(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its place.
+        A mistake in the call. A simulation that fails is the outcome of its point.
 
     Examples
     --------
@@ -417,7 +417,7 @@ def load_study(
         Numbers of the scene and their values, such as
         {"load.parameters.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     method : str or Method
-        judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
+        judged: monte-carlo, with the circuit on the same noise at the optima and at points drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
         alone); monte-carlo or circuit alone; for a resistor also a closure.
     precision : float or None
@@ -599,7 +599,7 @@ def optimum(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; its [run] is used first at each place (over one parameter), or for each
+        The scene; its [run] is used first at each point (over one parameter), or for each
         evaluation (over several).
     over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within the
@@ -614,7 +614,7 @@ def optimum(
         the output where the load has one).
     method : str, Method or None
         monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs
-        it). A method without noise finds the place to its own precision.
+        it). A method without noise determines the optimum to its own precision.
     closure : str or None
         Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
@@ -628,7 +628,7 @@ def optimum(
     Returns
     -------
     Optimum
-        Over one parameter, averaging and simulation are compared, and the place has an interval;
+        Over one parameter, averaging and simulation are compared, and the optimum has an interval;
         over several the value has one.
 
     Raises
@@ -644,7 +644,7 @@ def optimum(
 
     Notes
     -----
-    The places proposed over several follow from the seed and the answers alone: with `output` the
+    The points proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
 
     Examples

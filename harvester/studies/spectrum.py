@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # segments are not taken by default, and blocks hold at least this number of samples: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Most in a segment for the specification, and places of a density that is known.
+# Most in a segment for the specification, and points of a density that is known.
 MOST_IN_PROFILE, PLACES = 2**20, 2**15
 # Most values of a scene's excitation; a shared core took 24 s for 30 million.
 MOST_VALUES = 1e9

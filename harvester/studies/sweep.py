@@ -34,7 +34,7 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Points of print between the markers of two engines at the same place.
+# Points of print between the markers of two engines at the same point.
 APART = 6.0
 # Width of the first line, and by how much each further one is thinner: thin over thick shows both.
 WIDEST, THINNER = 3.0, 0.6
@@ -42,7 +42,7 @@ WIDEST, THINNER = 3.0, 0.6
 
 @dataclass(frozen=True)
 class Cell:
-    """The answer of one method at one place of the grid.
+    """The answer of one method at one point of the grid.
 
     Attributes
     ----------
@@ -62,12 +62,12 @@ class Cell:
 
 @dataclass(frozen=True, repr=False)
 class Sweep(ResultBase):
-    """A scene at every place of a grid by every method.
+    """A scene at every point of a grid by every method.
 
     Attributes
     ----------
     scene
-        The scene, with one knot spacing for all places.
+        The scene, with one knot spacing for all points.
     values
         Keys that were varied, and their values; of a load study also the names of loads.
     methods
@@ -98,7 +98,7 @@ class Sweep(ResultBase):
             yield point, cells[where]
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of the tidy table: one for each place, method and quantity."""
+        """Header and rows of the tidy table: one for each point, method and quantity."""
         header = [key_column(key, self.scene.units) for key in self.values]
         header += ["method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
@@ -138,7 +138,7 @@ class Sweep(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text: one for each place and method."""
+        """Header and rows as text: one for each point and method."""
         units = {
             name: unit_of(self.scene, cell.estimates[name].dimension)
             for _, cell in self.places()
@@ -231,7 +231,7 @@ def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
 
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
-    """(note, its places) of the notes at some places; "" for a note that all of them have."""
+    """(note, its points) of each note; "" for a note that all points have."""
     places: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
     for location, lines in noted:
@@ -251,7 +251,7 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
-    """The cells of a sweep from the answers, for every place and method in order."""
+    """The cells of a sweep from the answers, for every point and method in order."""
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
         cells[k] = _cell(labels[k % len(labels)], answer)
@@ -311,7 +311,7 @@ def _value(cell, name, attribute):
 
 
 def _draw(sweep):
-    """A panel for each quantity and each place of the other keys."""
+    """A panel for each quantity and each point of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
     # An axis of numbers is preferred to one of words, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]

@@ -27,7 +27,7 @@ NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset poin
 NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
-# A broad line behind all others: methods without a bias lie on it.
+# A broad line below all others: methods without a bias lie on it.
 SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.8", "width": 4.0}
 
 

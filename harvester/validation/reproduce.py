@@ -66,7 +66,7 @@ class Reproduction(ResultBase):
         The device; curves and axes change it.
     lines : list of list of dict
         Per panel and curve: {method: [(value, Outcome), …]}, values increasing. Of a `plan` it has
-        a Request in place of each outcome.
+        a Request instead of each outcome.
     wall_seconds : float
         Wall time from the call until the figure was done (s); figures share points.
     """

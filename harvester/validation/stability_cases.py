@@ -279,7 +279,7 @@ def _run(scene, step):
 
 
 def _affordable(scene, step):
-    """The scene with a run so short that its contacts, too, keep to the budget of steps."""
+    """The scene with its run shortened until the steps in contacts fit the budget."""
     length = scene.run.settle + scene.run.duration
     brief = min(TRIAL_STEPS * longest_step(scene, step, "monte-carlo"), length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}

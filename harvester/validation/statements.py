@@ -48,7 +48,7 @@ class Finding:
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
     margin : float or None
-        Margin below a limit, which decides in place of the effect.
+        Margin below a limit, which decides instead of the effect.
     """
 
     where: str

@@ -39,7 +39,7 @@ BEAM_FILES = {
     for frequency, levels in LEVELS.items()
     for level in levels
 }
-# Records of the upright base that are fitted; all others are kept aside.
+# Records of the upright base that are fitted; all others are validation records.
 FITTED = ((0, 6.3, 100), (0, 6.3, 150), (0, 9.1, 25), (0, 9.1, 50))
 
 
@@ -88,7 +88,7 @@ def silverbox_error(place: str, digest: str, scene: Scene, report: Callable) -> 
 
 
 def beam_claims(place: str, digest: str, scene: Scene, report: Callable) -> tuple[float, float]:
-    """Share of the claimed records kept aside that lie within their intervals.
+    """Share of the claimed validation records that lie within their intervals.
 
     The tilt of the base is a constant force, found in each record of another tilt.
     """

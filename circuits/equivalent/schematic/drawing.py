@@ -66,7 +66,7 @@ class Schematic:
         Raises
         ------
         OutputError
-            Another suffix than .svg and .png, or a place that cannot be written.
+            Another suffix than .svg and .png, or a path that cannot be written.
         """
         suffix = Path(path).suffix.lower()
         if suffix not in FORMATS:

@@ -45,7 +45,7 @@ CONTROL_LEAD = 1.4
 class Pen:
     """A drawing in progress: its methods note elements to draw, and `image` draws all of them.
 
-    Places are (x, y) in schemdraw's units, y upwards.
+    Positions are (x, y) in schemdraw's units, y upwards.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Pen:
         colour: str = INK,
         align: str = "left",
     ) -> None:
-        """Write a line of text at a place."""
+        """Write a line of text at a position."""
 
         def draw(library):
             label = library.Label().at(at).theta(0)

@@ -36,7 +36,7 @@ SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
 # Share of the beam's length by which its tip may sag under its weight.
 MOST_SAG = 0.5
-# Sizes that parts have, and the unit that is often given in place of the key's.
+# Usual sizes of parts, and the unit that is often mistaken for the key's.
 LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
 PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")

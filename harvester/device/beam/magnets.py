@@ -20,7 +20,7 @@ from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.keys import SI, Key, Table, key, not_negative, positive, table, word
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
-# Sizes that parts have, and the unit that is often given in place of the key's.
+# Usual sizes of parts, and the unit that is often mistaken for the key's.
 LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
 SIZE = Key(low=0.0, low_allowed=False, likely=LENGTH)
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.

@@ -46,7 +46,7 @@ class Piezoceramic(NamedTuple):
     density
         kg/m³
     d31
-        m/V; of layers with the field along the beam d33 in its place.
+        m/V; of layers with the field along the beam d33 instead.
     permittivity
         Relative to vacuum, at constant strain along the beam.
     source

@@ -134,7 +134,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> ResidualModes:
 def shape(
     pieces: Sequence[Piece], tip: Tip, root_compliance: float = 0.0, points: int = 40
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places along the beam (m) and the first mode's displacement there over the tip's."""
+    """Positions along the beam (m) and the first mode's displacement there over the tip's."""
     frequency = modes(pieces, tip, 1, root_compliance)[0].angular_frequency
     value = math.sqrt(frequency / _square_root_scale(pieces))
     places, values, begin = [0.0], [0.0], 0.0

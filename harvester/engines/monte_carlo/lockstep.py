@@ -144,7 +144,7 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_sample
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # A loop over a constant number would be unrolled place by place. One realization alone takes as
+    # A loop over a constant number would be unrolled slot by slot. One realization alone takes as
     # long as eight, or less.
     lanes = noise.shape[2] if room.points.size > 1 else 1
     room_for = room.columns.shape[2]
@@ -217,7 +217,7 @@ def _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, states):
 def _try(scheme, s, count, lanes, apart):
     """Step those set apart as if none left its zone.
 
-    Blocks are stepped whole: results in places that hold no realization are not used.
+    Blocks are stepped whole: results in slots without a realization are not used.
     """
     for block in range((count + TOGETHER - 1) // TOGETHER):
         cells = apart[block]
@@ -368,7 +368,7 @@ def _powers(s, v, state, noise, contact_damping):
 def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """Add a point to a realization's sums.
 
-    Its motion and its excitation begin at these rows of `cells`, in the place `i`; `rows` and `k`
+    Its motion and its excitation begin at these rows of `cells`, in the slot `i`; `rows` and `k`
     are where the sums are.
     """
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]

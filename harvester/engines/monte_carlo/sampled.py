@@ -50,7 +50,7 @@ def states_at_samples(
     ndarray, shape (samples, 3)
         From the first window's first sample on; NaN from where a solution has run away.
     ndarray, shape (windows, 3)
-        State at the first sample behind each window; at the record's end at its last sample.
+        State at the first sample after each window; at the record's end at its last sample.
     """
     states = np.full((edges[-1] - edges[0], 3), np.nan)
     ends = np.full((edges.size - 1, 3), np.nan)

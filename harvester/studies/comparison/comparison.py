@@ -153,7 +153,7 @@ class Comparison(ResultBase):
         """Table, findings and pictures."""
         from harvester.studies.comparison.report import draw_comparison
 
-        # p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours.
+        # p(X, X') of the stationary solver and of Monte Carlo, on the same grid and colour scale.
         joint = [*self.closures.values(), self.monte_carlo]
         return View(
             self._table(),

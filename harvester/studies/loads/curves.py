@@ -25,9 +25,9 @@ class CurveOptimum:
     Attributes
     ----------
     best
-        Place of the highest point; None where no point has a value.
+        Index of the highest point; None if no point has a value.
     place
-        Position of the maximum between the points; nan at an edge.
+        Position of the maximum between the points; NaN at an edge.
     low, high
         Ends of the maximum's interval; nan where there is none.
     """

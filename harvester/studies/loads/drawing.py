@@ -89,7 +89,7 @@ def _colours():
 
 
 def _draw(study, label, value, more):
-    """A panel for each place of the other sweeps, with a curve for each load."""
+    """A panel for each point of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
     places = np.array(study.grid.sweeps[key] if key else (0.0,))
     panels = [

@@ -1,6 +1,6 @@
-"""The circuit as judge of a load study: the same noise by both engines, at a few of its places.
+"""Cross-check of a load study by the circuit: the same noise by both engines, at a few points.
 
-At each load's highest point, where the study's answer comes from, and at a place drawn at random.
+At each load's highest point, where the study's answer comes from, and at a point drawn at random.
 Paths of a device between its wells diverge after some ten periods, however well they are computed,
 so that long runs show a difference to some percent only. The first periods from rest show it to
 some tenths of a percent; the settled part adds the charged store that they lack.
@@ -44,7 +44,7 @@ LEAST_EARLY_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Proof:
-    """The circuit's result at one place of a study.
+    """The circuit's result at one point of a study.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Proof:
 def places_to_prove(
     grid: Grid, evaluations: Sequence[Evaluation], seed: int
 ) -> list[tuple[int, bool]]:
-    """(place among the grid's points, whether it is a highest one), in the grid's order.
+    """(point among the grid's points, whether it is a highest one), in the grid's order.
 
     Every curve's highest point that is ranked, and of each load one of the others with a power by
     chance.
@@ -118,7 +118,7 @@ def places_to_prove(
 def proving(
     place: int, highest: bool, scene: Scene, first: tuple[Engine, str], judge: tuple[Engine, str]
 ) -> Generator[Wanted, list, Proof]:
-    """A plan for `Runner.follow` that returns the Proof of one place.
+    """A plan for `Runner.follow` that returns the Proof of one point.
 
     Parameters
     ----------

@@ -150,7 +150,7 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def curves(self) -> np.ndarray:
-        """Evaluations with the optimum's sweep last: loads, other sweeps, places."""
+        """Evaluations with the optimum's sweep last: loads, other sweeps, points."""
         if self.grid.curve is None:
             return self.cells[..., None]
         return np.moveaxis(self.cells, self.grid.curve + 1, -1)
@@ -176,7 +176,7 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
-        """(order, differences) at each place of the other sweeps."""
+        """(order, differences) at each point of the other sweeps."""
         loads = self.grid.loads
         rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
@@ -187,7 +187,7 @@ class LoadStudy(ResultBase):
         return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
-        """Places of the other sweeps with their values as text, "" where there are none."""
+        """Points of the other sweeps with their values as text, "" where there are none."""
         _, keys = self.curve_keys
         values = [self.grid.sweeps[key] for key in keys]
         for other in itertools.product(*(range(len(axis)) for axis in values)):
@@ -290,8 +290,7 @@ class LoadStudy(ResultBase):
                 "and more of them" * bool(self.precision)
             )
         lines.append(
-            f"{self.computed} tasks computed, {self.reused} taken from before; "
-            f"{self.wall_seconds:.0f} s"
+            f"{self.computed} tasks computed, {self.reused} reused; {self.wall_seconds:.0f} s"
         )
         return lines
 
@@ -310,7 +309,7 @@ class LoadStudy(ResultBase):
         verdicts += [f"agrees at {checked - apart}"] * (checked > apart)
         verdicts += [f"not checked at {len(proofs) - checked}"] * (len(proofs) > checked)
         head = (
-            f"cross-check with the circuit on the same noise at {len(proofs)} places (the optima, "
+            f"cross-check with the circuit on the same noise at {len(proofs)} points (the optima, "
             f"others at random): {', '.join(verdicts)}"
         )
         return [head, *(f"  {self._proof(proof)}" for proof in proofs)]

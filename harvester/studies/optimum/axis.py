@@ -83,7 +83,7 @@ class OptimalParameter:
     Attributes
     ----------
     standard_error
-        Standard error of the place, where a curve was fitted for it.
+        Standard error of the optimum, if a curve was fitted for it.
     flat_low, flat_high : float
         Range of this parameter, the others held, in which the quantity is not significantly more
         than 1 % below the maximum; nan where the runs are too short to decide, or it was not

@@ -35,10 +35,10 @@ class Averaging:
     Attributes
     ----------
     place, value : float or None
-        Place and value of averaging's maximum; None (see the reason) if it refuses or has none
+        Point and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
     value_at_simulated_place
-        Averaging's value at the place that simulation found.
+        Averaging's value at the point that simulation found.
     """
 
     closure: str
@@ -58,18 +58,18 @@ class Optimum(ResultBase):
     Attributes
     ----------
     parameters
-        Each with its place at the optimum.
+        Each with its value at the optimum.
     value
         Value from a run at the optimum; over several parameters on fresh noise.
     searched : list of (dict, Estimate)
-        Places and values: those that the last fit used; over several parameters those proposed,
+        Points and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
     averaging
         Over one parameter.
     own
         The value of the scene itself, over several parameters.
     orbits
-        The orbits that drawn starts reach at the place without noise, the followed one first.
+        The orbits that drawn starts reach at the point without noise, the followed one first.
     notes
         Caveats for citing the value.
     evaluations
@@ -105,7 +105,7 @@ class Optimum(ResultBase):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Two standard errors to either side of the place; over several parameters of the value."""
+        """Optimum ± two standard errors; over several parameters, value ± two standard errors."""
         about = self.value if self.averaging is None else self.place
         reach = INTERVAL * (math.nan if about.standard_error is None else about.standard_error)
         return about.estimate - reach, about.estimate + reach
@@ -136,7 +136,7 @@ class Optimum(ResultBase):
         ]
 
     def _records(self):
-        """Header and a row for each place that was searched, in the scene's units."""
+        """Header and a row for each point that was searched, in the scene's units."""
         keys = [key_column(key, self.scene.units) for key in self.keys]
         header = [*keys, f"{self.quantity} [{self.unit}]", f"standard_error [{self.unit}]"]
         return header, [
@@ -181,7 +181,7 @@ class Optimum(ResultBase):
         return span(low, high, key_words(key, self.scene.units)[1])
 
     def _findings(self) -> list[str]:
-        """Sentences on the intervals of place and value, and on the runs."""
+        """Sentences on the intervals of optimum and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
         (one,) = self.parameters
@@ -190,7 +190,7 @@ class Optimum(ResultBase):
         return [
             *self._on_averaging(self.averaging),
             *definitions([self.quantity]),
-            f"{self.method}: cubic through {len(self.searched)} places in {searched} on common "
+            f"{self.method}: cubic through {len(self.searched)} points in {searched} on common "
             f"noise, seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
             *self.notes,
@@ -211,7 +211,7 @@ class Optimum(ResultBase):
         return lines
 
     def _off(self, averaging):
-        """Averaging's deviation of place and value, as shares."""
+        """Averaging's deviation of optimum and value, as shares."""
         if averaging.place is None:
             return None, None
         location_deviation = averaging.place / self.place.estimate - 1.0
@@ -270,13 +270,11 @@ class Optimum(ResultBase):
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
             strained = "" if limit is None else ", or the strain is beyond beam.strain_limit"
-            lines.append(
-                f"at {failures} of {len(self.searched)} places no run came to its end{strained}"
-            )
+            lines.append(f"at {failures} of {len(self.searched)} points no run completed{strained}")
         return lines
 
     def _on_orbits(self):
-        """Sentences: the orbit that the search followed, and the others at the place."""
+        """Sentences: the orbit that the search followed, and the others at the point."""
         if not self.orbits:
             return []
         scene, count = with_orbit(self.scene), sum(orbit.starts for orbit in self.orbits)
@@ -289,7 +287,7 @@ class Optimum(ResultBase):
     def _on_runs(self):
         """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        accuracy = "no noise: the place to the method's own precision"
+        accuracy = "no noise: the optimum to the method's own precision"
         if noisy:
             accuracy = "value on fresh noise; interval: two standard errors; seed "
             accuracy += str(self.scene.run.seed)
@@ -358,14 +356,14 @@ class Optimum(ResultBase):
 
 
 def _draw(found):
-    """Places searched, the maximum, how far it is flat.
+    """Points searched, the maximum, how far it is flat.
 
-    Over several parameters places differ in the others too, so that the highest of them are the
+    Over several parameters points differ in the others too, so that the highest of them are the
     outline.
     """
     panels = [_panel(found, parameter) for parameter in found.parameters]
     title = (
-        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        f"{found.scene.name}: {len(found.searched)} points searched, by {found.method} "
         "(bars: two standard errors)"
     )
     return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
@@ -400,7 +398,7 @@ def _panel(found, each):
 
 
 def _draw_bounds(found, each, factor, axes):
-    """Draw the interval of the place, or the flat region, and the scene's own value."""
+    """Draw the interval of the optimum, or the flat region, and the scene's own value."""
     low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
     if each.standard_error is not None:
         (low, high), label = found.interval, "interval of the place"

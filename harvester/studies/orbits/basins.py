@@ -51,7 +51,7 @@ class Basins(ResultBase):
         Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
         begins.
     orbit : ndarray of int, shape (m, n)
-        Place in `orbits` of each start; −1: not followed.
+        Index in `orbits` of each start; −1: not followed.
     orbits
         The orbits, the one with the most starts first.
     periods

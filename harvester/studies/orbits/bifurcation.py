@@ -1,6 +1,6 @@
 """`bifurcation`: stroboscopic sections of a driven device over any key, up and down.
 
-Each place begins where the one before it ended, so that the device keeps its branch for as long as
+Each point begins where the one before it ended, so that the device keeps its branch for as long as
 there is one.
 """
 
@@ -222,13 +222,13 @@ class Bifurcation(ResultBase):
                 "file that --output writes has all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
-            lines.append("a load's own stores begin at each place as its netlist says")
+            lines.append("a load's stores begin at each value with the charges of its netlist")
         lines += [line for branch in self.branches for line in self._of_chaos(branch)]
         lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
 
     def _most_power(self, branch):
-        """Sentence on the place with the most power; none where no motion has a power."""
+        """Sentence on the point with the most power; none where no motion has a power."""
         if not np.isfinite(branch.mean_power).any():
             return []
         best = int(np.nanargmax(branch.mean_power))
@@ -296,7 +296,7 @@ def climb(
     -------
     dict
         `rows`, shape (values, SAMPLES + 1, columns), in the scene's units; `end` to go on from;
-        `failures`, the reasons by the number of the place.
+        `failures`, the reasons by the number of the point.
     """
     rows, failures = [], {}
 
@@ -339,7 +339,7 @@ def climbing(
     periods: int | None,
     directions: Sequence[str],
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: the directions one after another, some places in a task; the
+    """A plan for `Runner.follow`: the directions one after another, some points in a task; the
     Branch of each and the failures.
 
     Each direction begins where the one before ended. `periods` None: as many as the device needs,

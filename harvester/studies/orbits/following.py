@@ -159,7 +159,7 @@ def _first_periods(scene, periods):
 
 
 def _wandering(samples):
-    """Places of the starts that stay in range and have no period."""
+    """Indices of the starts that stay in range and have no period."""
     inside = np.isfinite(samples).all(axis=(1, 2))
     states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)
     return np.flatnonzero(inside & (repetition(states) == 0))

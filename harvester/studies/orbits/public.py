@@ -244,7 +244,7 @@ def residence(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its place.
+        A mistake in the call. A simulation that fails is the outcome of its point.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class Direction:
     Attributes
     ----------
     key
-        The parameter that it mostly moves, with its place among the axes.
+        The parameter that it moves most, with its index among the axes.
     centre, steps : dict of str to float
         For every parameter: its mean, and its change in one standard deviation of the axis.
     """
