@@ -289,7 +289,7 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
 def load_pins(network: Network) -> dict[str, str]:
     """Names of the nodes at a load's pins, after the ammeter.
 
-    The colon tells them from nodes within the load, whose names hold none.
+    The colon distinguishes them from nodes within the load, whose names hold none.
     """
     ends = {"p": behind_ammeter(network), "out": OUTPUT, "ref": REFERENCE}
     return {"n": GROUND, **{pin: f"{PIN}{node}" for pin, node in ends.items()}}

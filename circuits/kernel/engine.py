@@ -223,7 +223,7 @@ def _make_exact(state, line):
 
 
 def _trouble(circuit, state, outcome, which):
-    """The error that says why a run ended early."""
+    """The error with the reason for an early end of a run."""
     stopped = f"Monte Carlo stopped at t = {state.scalars[0].time:g}: "
     limited = [
         element.place

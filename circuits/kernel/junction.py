@@ -2,7 +2,7 @@
 
 i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt), where below −3 n Vt the first term is
 −Is (1 + (3 n Vt/e v)³); beyond `LARGEST_CURRENT` either
-exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
+exponential continues as its tangent, so that Newton's iterations stay among finite numbers. Charge:
 τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. If the model
 has it, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
 stays constant, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Conductance in parallel with every junction, in siemens, as in ngspice.
 LEAST_CONDUCTANCE = 1e-12
-# Current, in amperes, above which the exponential goes on as its tangent.
+# Current, in amperes, above which the exponential continues as its tangent.
 LARGEST_CURRENT = 100.0
 # Columns of the table of junctions.
 (

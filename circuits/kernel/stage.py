@@ -224,7 +224,7 @@ def _near(state, only_motion, smooth):
         moving = position == state.motion
         new = state.y[unknown] + state.solution[position]
         moved = abs(new - state.latest[unknown])
-        # NaN counts as not near, so that the iteration goes on or fails.
+        # NaN counts as not near, so that the iteration continues or fails.
         free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
         settled = settled and moved <= free * max(state.largest[unknown], abs(new))
         state.latest[unknown] = new

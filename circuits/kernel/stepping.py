@@ -86,7 +86,7 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # of the grid's step, jumping in every fourth.
 COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
-# How `advance` ends: with its work done, or why it cannot go on.
+# How `advance` ends: with its work done, or the reason why it cannot continue.
 FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 

@@ -123,7 +123,7 @@ def ambiguity(cards: Iterable[Card]) -> str:
         for where, text in unlike if words else ():
             return (
                 f"{where}: {text[:60]} is read as ngspice has it, and means something else to "
-                f"{dialect}, whose {words[0][:20]!r} the file has: say * dialect: {dialect} or "
+                f"{dialect}, whose {words[0][:20]!r} the file has: add * dialect: {dialect} or "
                 "* dialect: ngspice in it"
             )
     return ""

@@ -10,7 +10,7 @@ from circuits.netlist.waveform import Waveform
 
 # Advice in the message on a refused current.
 AMMETER = (
-    "SPICE knows the currents of V, E, H, L and of B with v= alone; for another element, insert a "
+    "SPICE computes currents of V, E, H, L and of B with v= alone; for another element, insert a "
     "source of 0 V in series (V1 a b 0) and use i(V1)"
 )
 
@@ -100,7 +100,7 @@ class Element(NamedTuple):
 
     @property
     def size(self) -> float | None:
-        """Ω, F or H of all that lie side by side; None where an expression says it."""
+        """Ω, F or H of all parallel elements; None if an expression gives it."""
         if self.value is None or not self.many:
             return None
         return self.value * self.many if self.letter == "c" else self.value / self.many

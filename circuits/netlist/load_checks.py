@@ -59,7 +59,7 @@ def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, 
 
 
 def check_needs(scope: Scope) -> None:
-    """Refuse values that a sub-circuit says it is not made for.
+    """Raise for values that violate the conditions (`* needs:`) of a sub-circuit.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class Scope:
     ----------
     circuit : Subcircuit
     given : dict of str to float
-        Values of its parameters, as the call says them.
+        Values of its parameters, as given by the call.
     nodes : mapping of str to str
         Full names of the nodes at its pins.
     path : str

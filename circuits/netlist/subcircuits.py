@@ -35,7 +35,7 @@ from harvester.base.plain_text import nearest
 from harvester.device.terminals import GROUND
 
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
-# Matches suffixes that SPICE and people read differently: M and F.
+# Matches ambiguous suffixes: M and F.
 _MISREAD = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(M(?![eE][gG]|[iI][lL])|F)", re.ASCII)
 _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad")}
 
@@ -155,7 +155,7 @@ def _chosen(root, path, name):
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
         if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
-                f"{path.name}: holds {listed(root.inner)}: say which by load.subcircuit"
+                f"{path.name}: holds {listed(root.inner)}: choose one by load.subcircuit"
             )
     if name.lower() not in root.inner:
         raise NetlistError(

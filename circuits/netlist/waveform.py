@@ -64,7 +64,7 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
     Raises
     ------
     ExpressionError
-        It says something else in another release of ngspice, or with another printing step.
+        Its value differs in another release of ngspice, or with another printing step.
     """
     kind = SAME.get(kind, kind)
     if kind == "am":

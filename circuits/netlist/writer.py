@@ -30,7 +30,7 @@ def node_name(name: str) -> str:
 
 
 def element_name(letter: str, name: str) -> str:
-    """An element of a load as the run's netlist calls it: ngspice knows its kind by its letter."""
+    """Name of a load's element in the run's netlist, which begins with its kind's letter."""
     own_name = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
     return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own_name)
 

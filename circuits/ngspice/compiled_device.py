@@ -126,7 +126,7 @@ def load(engine: Any, text: str) -> None:
 
 
 def _require_own(folder):
-    """Refuse a folder into which somebody else may put machine code."""
+    """Raise for a folder into which another user may put machine code."""
     trouble = foreign_writers_of(folder)
     if trouble:
         raise CompiledDeviceUnavailable(

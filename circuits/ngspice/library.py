@@ -43,7 +43,7 @@ def find_library() -> str:
     Raises
     ------
     EngineNotFound
-        None does; the message says how to get one.
+        None does; the message names a remedy.
     """
     import ctypes
 

@@ -29,7 +29,7 @@ class Averages:
     between_wells : dict of str to float
         Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if
         asked for `slowest_decay_rate` and the rates of jumps that
-        `harvester.device.cores.jump_rates` names (1/s), and, where symmetry does not tell them,
+        `harvester.device.cores.jump_rates` names (1/s), and, unless they follow from symmetry,
         `share_of_time_in_well_1` and so on from the left.
     """
 

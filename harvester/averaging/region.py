@@ -32,7 +32,7 @@ GIBBS_REACH = 5.3
 # A coarse grid resolves a density down to SEEN of its peak. A normal one falls to 1e-6 at
 # √(ln 1e6 / ln 1e3) = 1.414 times that distance.
 SEEN, BEYOND = 1e-3, 1.42
-# If the density at an end of the range exceeds this share of its peak, it goes on beyond the end.
+# If the density at an end of the range exceeds this share of its peak, it continues beyond the end.
 GATHERED = 1e-4
 # Peaks lower than this share of the highest one do not decide how fine the grid is.
 SECOND_PEAK = 0.2

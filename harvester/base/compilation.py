@@ -81,7 +81,7 @@ IMPORT = re.compile(
 
 
 def merged(function: Callable) -> Callable:
-    """Let LLVM write a function into its callers: sooner done than `inlined` for a large one.
+    """Let LLVM write a function into its callers: compiles faster than `inlined` for a large one.
 
     Uncounted as well. If a caller knows beforehand that an argument is True or None, the compiled
     code omits the branch that is never taken. Python calls the function unchanged.

@@ -70,7 +70,7 @@ def _set(values):
 
 @contextlib.contextmanager
 def figure_settings(*styles: str | Path) -> Iterator[None]:
-    """Draw within the block by matplotlib's defaults and these styles, nothing else.
+    """Draw within the block by matplotlib's defaults and these styles alone.
 
     A `matplotlibrc` could have TeX run; a glyph that no font has is a box, and no warning.
     """

@@ -73,7 +73,7 @@ class Method(ABC):
         Raises
         ------
         HarvesterError
-            An option says something else than the object.
+            An option contradicts the object.
         """
         for name, value in options.items():
             if value is None or value == defaults.get(name):

@@ -3,7 +3,7 @@
 Each was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what it
 replaces there stays as it was: `tests/harvester/base/test_numba_patches.py` compares that with
 `REPLACED` and fails where numba has changed it. Then read the new source, see that the patch
-still does what its docstring says, and write the new digest here.
+still does as documented, and write the new digest here.
 
 ==================================  ==============================================================
 what                                why

@@ -1,4 +1,4 @@
-"""Words that somebody else chose (names of files, keys, messages), made safe to show and to write.
+"""Text from outside (names of files, keys, messages), made safe to show and to write.
 
 Displayed text goes through `one_line`, values and keys in messages through `shown` and `named`;
 text that becomes part of netlists, figures, tables and names of files is made a name by `name`

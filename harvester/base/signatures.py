@@ -246,7 +246,7 @@ class RunnerOptions(TypedDict, total=False):
     scheduler : str or None
         Address of a Dask cluster, instead of processes here.
     output : str or Path or None
-        Folder for results, and for every finished piece: run the same command again to go on
+        Folder for results, and for every finished part: repeat the same command to continue
         after a kill.
 
     Other Parameters

@@ -1,4 +1,4 @@
-"""Standard output and error that may be full, closed or ASCII only: a run goes on without them."""
+"""Standard output and error may be full, closed or ASCII only: a run continues without them."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def guarded_streams() -> Iterator[Callable]:
     ------
     callable
         The exit code that becomes of another one when standard output could not be written, which
-        it says on standard error. A reader that had enough (`| head`) is no failure.
+        prints it on standard error. A reader that closes the pipe (`| head`) is no failure.
     """
     for number in range(3):
         try:

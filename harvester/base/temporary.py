@@ -20,7 +20,7 @@ class TemporaryFolder:
     """An empty folder of this process, removed by `cleanup`, by the end of the block or process.
 
     A killed process does not remove its folder. The system then releases the folder's lock,
-    by which the next process that makes one knows that nobody owns it.
+    by which the next process that makes one sees that it has no owner.
 
     `within`: folder in which it is made; None: the system's folder for temporary files.
 
@@ -77,7 +77,7 @@ def _is_own_folder(entry):
 
 
 def _lock(folder):
-    """A handle that holds the folder's lock; None where another process or no one can have it."""
+    """A handle that holds the folder's lock; None if the lock is taken or not available."""
     try:
         import fcntl
 

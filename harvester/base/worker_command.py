@@ -1,7 +1,7 @@
 """How a worker process is started: nothing of the working folder, nothing of chance.
 
 It runs in a new empty folder, imports nothing from the working folder or by Python's
-environment variables, and sees only those variables that say where this machine keeps its things.
+environment variables, and sees only those variables that name folders of this machine.
 """
 
 from __future__ import annotations

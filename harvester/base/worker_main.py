@@ -73,7 +73,7 @@ def main() -> None:
 def _read_calls(calls):
     """Pass calls on; when the parent is gone, end at once, whatever runs.
 
-    The process takes its own empty folder along: nobody else is left to.
+    The process removes its own empty folder, since no other process is left to do it.
     """
     stream = sys.stdin.buffer
     while True:

@@ -165,7 +165,7 @@ def _asked(node_names):
     """Ask at the terminal which nodes of the netlist are the harvester's."""
     listed = f"nodes: {', '.join(node_names)}"
     if not sys.stdin.isatty():
-        raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
+        raise HarvesterError(f"--nodes P,N,OUT,REF: name the harvester's nodes; {listed}")
     print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)
     return sys.stdin.readline()
 

@@ -29,7 +29,7 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
             for line in runner.warnings:
                 print_error(line)
             if runner.out_of_time:
-                print_error("the time budget was spent: the same command goes on where it ended")
+                print_error("the time budget was spent: repeat the same command to continue")
     except KeyboardInterrupt as interrupt:
         hint = "the same command continues from finished answers" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None
@@ -50,9 +50,7 @@ def check_places(
     from harvester.results.files import ENDINGS
 
     if waveform and Path(waveform).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(waveform)}: its ending says the kind: {', '.join(ENDINGS)}"
-        )
+        raise HarvesterError(f"--waveform {named(waveform)}: must end in {', '.join(ENDINGS)}")
     for file in filter(None, (json, report, waveform)):
         check_writable(file)
     if output:

@@ -113,7 +113,7 @@ def _lock(handle, folder):
         return [f"{folder}: this file system cannot lock: see that no other run writes there"]
     if os.fstat(handle).st_nlink == 0:
         raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
-    # A file with a second name may belong to somebody else.
+    # A file with a second name (hard link) may belong to another user.
     if os.fstat(handle).st_nlink == 1:
         with contextlib.suppress(OSError):
             os.ftruncate(handle, 0)
@@ -122,7 +122,7 @@ def _lock(handle, folder):
 
 
 def _take_away(folder):
-    """Take away a folder that holds no more than `hold` put there."""
+    """Remove a folder that holds nothing but the files of `hold`."""
     with contextlib.suppress(OSError):
         if sorted(os.listdir(folder)) == [LOCK, "points"]:
             os.rmdir(folder / "points")

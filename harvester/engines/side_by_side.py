@@ -38,7 +38,7 @@ def together(realizations: int, workers: float) -> int:
     """Realizations that Monte Carlo takes at a time: as many for each worker, if not too many.
 
     They share nothing: the numbers do not depend on the other realizations. `workers` is
-    inf where nobody knows.
+    inf if unknown.
     """
     among = FEWEST_NETLISTS if math.isinf(workers) else int(workers)
     rounds = math.ceil(realizations / among / MOST_TOGETHER)

@@ -74,7 +74,7 @@ def simulate(
     time_limit : float
         Wall-clock limit of one realization, without compilation.
     keep_going : bool
-        Try a realization that crashes or runs out of time once more, and go on without it; the
+        Try a realization that crashes or runs out of time once more, and continue without it; the
         result's `failures` name it. Else the first failure ends the run.
     stroboscope : bool
         Keep the state at the beginning of every period of the excitation, of its lowest line or,

@@ -153,7 +153,7 @@ class Excitation(Table, ABC):
         return ()
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
-        """One-sided density of the base's acceleration, without `lines`; None where no one knows.
+        """One-sided density of the base's acceleration, without `lines`; None if unknown.
 
         At frequencies (Hz) of any shape, in (m/s²)²/Hz; in a scaled scene the density of η.
         """

@@ -77,7 +77,7 @@ class RecordedMotion(Excitation):
     time_unit: str | None = word(
         "unit of the time column: of its heading unless given", tuple(QUANTITIES["time"])
     )
-    sampling_rate: float | None = positive("sampling rate: where the file does not say it", "Hz")
+    sampling_rate: float | None = positive("sampling rate: if the file has none", "Hz")
     start: float | None = not_negative("start: time after the first sample; earlier ones go", "s")
     scale: float | None = key("scale: the acceleration is scale · column + offset; 1 unless given")
     offset: float | None = key("offset: 0 unless given, in the unit")

@@ -146,7 +146,7 @@ def _units(unknowns, values):
 
 
 def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
-    """Values taken as known, of which an error would move the fitted values.
+    """Assumed values whose error would move the fitted values.
 
     Parameters
     ----------

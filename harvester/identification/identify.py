@@ -64,8 +64,8 @@ def identify(
         Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
         phase or of resistance and reactance, or .s1p (needs scikit-rf: the extra
         `analyser`), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
-        phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
-        scene's mass, together with records the mass too.
+        phase=COLUMN:UNIT, …; alone it determines stiffness, damping, coupling and capacitance for
+        the scene's mass, together with records the mass too.
     free : sequence of str
         Fitted values: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,

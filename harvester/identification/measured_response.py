@@ -251,7 +251,7 @@ def read_impedance(
     settings : dict of str to str, optional
         `frequency`, `impedance` and `phase` (or `impedance` alone for complex numbers), or
         `resistance` and `reactance`: the column's name or number from 0, with its unit after a
-        colon where its heading does not say it.
+        colon if its heading has none.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Rival models: the scene's own with one part more, with one part less, or with another column.
 
 Whether a further part explains something of the residuals is seen to first order about the fit, by
-a regression of the residuals on the part's effect (a score test). That regression also says where
-the rival's fit begins. Parts are fitted in the order of their expected gain, until one leaves only
-noise and no other promises nearly as much.
+a regression of the residuals on the part's effect (a score test). That regression also gives the
+values at which the rival's fit begins. Parts are fitted in the order of their expected gain, until
+one leaves only noise and no other promises nearly as much.
 """
 
 from __future__ import annotations

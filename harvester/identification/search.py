@@ -129,7 +129,7 @@ def followed(
     """
     fit = mended(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
-    # The loop goes on while some window is longer than any that was allowed before.
+    # The loop continues while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
         follow(_longest(fit))

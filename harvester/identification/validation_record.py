@@ -109,7 +109,7 @@ class ValidationRecord:
         Hz.
     measured, windowed, free : ndarray, shape (samples, outputs)
         `windowed` is simulated in windows whose starts were found in this part, the device's
-        numbers being as they were; `free` goes on from the first start alone.
+        numbers being unchanged; `free` continues from the first start alone.
     resistance : float or None
         Resistance of the load (Ω).
     motion : float
@@ -214,7 +214,7 @@ class ValidationRecord:
 
     @property
     def worst(self) -> Unexplained:
-        """The output of which most is left beyond noise: that which is not noise first."""
+        """Output with the largest residual beyond noise; outputs that are not noise come first."""
         return max(self.unexplained, key=lambda part: (not part.is_noise, part.beyond, part.left))
 
     @property
@@ -290,7 +290,7 @@ class ImpedanceRecord(ResponseRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class WholeRecord(ValidationRecord):
-    """A record of which nothing was fitted, without its first part, run from one start alone.
+    """A record that no fit used, without its first part, run from one start.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class FitEvidence:
     assumptions : sequence of Assumption
         Assumed gains and values, and the effect of an error of them.
     whole : sequence of WholeRecord
-        Records of which nothing was fitted.
+        Records that no fit used.
     visited : Visited or None
         Ranges that the records visited.
     """
@@ -77,7 +77,7 @@ class FitEvidence:
 
     @property
     def worst(self) -> ValidationRecord:
-        """The record of which most is left beyond noise: one that is not explained first."""
+        """The record with the largest residual beyond noise; unexplained records come first."""
         return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
 
 
@@ -88,7 +88,7 @@ class FitVerdict:
     Attributes
     ----------
     word : str
-        "predicts"; "fits" where the records do not tell the spring from others; "wrong",
+        "predicts"; "fits" if the records do not distinguish the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
     sentence : str
         The verdict, its range and its main caveat: at most 25 words.
@@ -183,7 +183,7 @@ def _uncertain_spring(evidence):
     if evidence.spring is None or not evidence.spring.uncertain:
         return None
     key, half = max(evidence.spring.uncertain.items(), key=lambda item: item[1])
-    return f"the records do not tell its spring from others: {_name(key)} {_share(half)}"
+    return f"the records do not distinguish its spring from others: {_name(key)} {_share(half)}"
 
 
 def _caveat(evidence):
@@ -235,9 +235,9 @@ OPENINGS = {
 # by more than this share of its error: below, an error that is not yet `CERTAIN` moves it by two
 # standard errors.
 DEPENDS = 0.5
-# Records tell a known value if its relative standard error, were it free, is below this: a right
-# set whose gain is open by 88 % asked for five of its standard errors, which is no change to first
-# order.
+# Records determine an assumed value if its relative standard error, were it free, is below this: a
+# right set whose gain is open by 88 % asked for five of its standard errors, which is no change to
+# first order.
 TOLD = 0.1
 # Standard errors from which on records need another known value. There are several known values,
 # and noise of the base's sensor biases them: a right set had 3.0 for its mass.
@@ -281,7 +281,7 @@ def findings(evidence: FitEvidence) -> list[str]:
         )
     if spring:
         lines += [
-            f"with a term of power {spring.power} too, which the records do not exclude, they tell "
+            f"with a term of power {spring.power} too, which the records do not exclude, they give "
             f"{_name(key)} to {_share(half)} (95 %)"
             for key, half in spring.uncertain.items()
         ]

@@ -128,7 +128,7 @@ def _vibration(ready, realization, stop):
 def folder_of(output: str | Path, kind: str) -> Path:
     """Return the folder for several files; raise HarvesterError if it cannot be written."""
     if is_stream(output):
-        raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
+        raise HarvesterError(f"--as {kind} writes several files: name a folder by --output DIR")
     if Path(output).suffix.lower() in DATA_SUFFIXES and not Path(output).is_dir():
         folder = Path(output).with_suffix("")
         raise HarvesterError(

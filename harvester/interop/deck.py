@@ -48,7 +48,7 @@ def write_deck(
     target = output
     if is_stream(target) and dialect != "ngspice":
         raise HarvesterError(
-            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
+            "--dialect ltspice writes a second file, the noise: name a file by --output FILE.cir"
         )
     if not is_stream(target) and (Path(target).is_dir() or not Path(target).suffix):
         target = in_folder(target, f"{scene.name}.cir")

@@ -1,4 +1,4 @@
-"""Voltage and current over time for firmware people: CSV, and HDF5 of the Shepherd testbed.
+"""Voltage and current over time for firmware tests: CSV, and HDF5 of the Shepherd testbed.
 
 A replay plays what was recorded whatever hangs on it, while a live harvester is held back by what
 is drawn; what that changes is measured for every trace.

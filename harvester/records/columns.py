@@ -133,7 +133,7 @@ class MeasuredFile:
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
         if names[index] and not self.headings[index].unit:
-            # The setting says which quantity a column holds whose title names none.
+            # The setting names the quantity of a column whose title names none.
             self.headings[index] = heading(names[index], quantity)
         fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
@@ -302,7 +302,7 @@ class MeasuredFile:
             if rates and all(rates):
                 raise SceneError(
                     f"{self.where}: {says}: {self.label(clock)} says {rates[0]:.6g} Hz: leave "
-                    f"{name} out, say in which unit the column is, or name it by "
+                    f"{name} out, give the column's unit, or name it by "
                     f"{self.setting('column', 'time')} to read the rate from it"
                 )
         return None if index is None else columns[0], rate

@@ -77,7 +77,7 @@ def _table(h5py, file):
 
 def _number_fields(dataset):
     """Fields of a data set that hold numbers; "" for the data set itself."""
-    # Where MATLAB wrote the data set, it says whether these are numbers or a text.
+    # MATLAB's attribute distinguishes numbers from text.
     sort = _text_attribute(dataset, (MATLAB_CLASS,))
     if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
         return []

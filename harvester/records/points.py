@@ -28,7 +28,7 @@ def read_points(
     stated: Sequence[str | None] = (None, None),
     scaled: bool = False,
 ) -> tuple[np.ndarray, list[str]]:
-    """Points of shape (n, 2) as the file has them, and their units; "" where no heading says one.
+    """Points of shape (n, 2) as the file has them, and their units; "" if no heading has one.
 
     `noun`: kind of file, for messages. `quantities`: quantities of the two columns. `stated`: units
     that a heading must not contradict. `scaled`: whether the points are of a scaled scene, which

@@ -20,7 +20,7 @@ from harvester.records.table import (
 
 
 def read(content: bytes) -> Table:
-    """Channels as columns, scaled as the file says; names are `group/channel`.
+    """Channels as columns, with the file's scaling; names are `group/channel`.
 
     Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
     """

@@ -88,7 +88,7 @@ class Result(ResultBase):
     netlist_sha256 : str or None
         SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
-        Notes that a reader must know before citing a number.
+        Caveats for citing a number.
     densities : dict of str to Density
         Densities of displacement, velocity and voltage.
     joint_density : JointDensity or None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # A text longer than this is a footnote, so that a table of numbers stays narrow.
 LONGEST_CELL = 32
-# Least width to which a column that tells rows apart is narrowed.
+# Least width to which a column that identifies rows is narrowed.
 NARROWEST_KEY = 12
 # Characters between two columns, and at both ends of a line.
 GAP, MARGIN = 3, 1
@@ -88,7 +88,7 @@ def _folded(name, width):
 
 
 def _key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
-    """How many columns at the left tell the rows apart; one where none do."""
+    """Number of columns at the left that identify the rows; 1 if none do."""
     for count in range(1, columns):
         if len({tuple(row[:count]) for row in rows}) == len(rows):
             return count
@@ -126,7 +126,7 @@ def _longest_word(text):
 
 
 def density_sketch(results: Mapping[str, Result]) -> list[str]:
-    """A line of letters for each method that knows the density of X, and one with the range.
+    """A line of letters for each method with a density of X, and one with the range.
 
     All lines have the same range and the same height.
     """

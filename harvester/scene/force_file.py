@@ -50,7 +50,7 @@ def _points(file, key, unit, scaled):
     factors = [QUANTITIES[q][u] if u else 1.0 for q, u in zip(quantities, units, strict=True)]
     scene_unit = {}
     if key == "breakpoints" and units[1]:
-        # The scene keeps the densities in one of the units that it knows.
+        # The scene keeps the densities in one of its units.
         scene_unit = {"unit": unit or ("g^2/Hz" if "g^2" in units[1] else "(m/s^2)^2/Hz")}
         factors[1] /= QUANTITIES["density"][scene_unit["unit"]]
     return {key: (points * factors).tolist(), **scene_unit}

@@ -112,7 +112,7 @@ def _kind(name):
 
 
 def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, Any]:
-    """A table with these keys, none of which must be there."""
+    """A table with these keys, all of them optional."""
     properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
     return {
         "type": "object", "properties": {**properties, **more}, "additionalProperties": False

@@ -160,8 +160,8 @@ def _check_bounded(oscillator, stoppers, origin):
                 continue
             raise SceneError(
                 f"{origin}: oscillator.force_table ends on the {side} with a slope of {slope:.3g}, "
-                "and so it goes on beyond: the motion is unbounded there; go on until the force "
-                "leads back, put a stopper there, or say by oscillator.restoring_force_range that "
+                "and beyond: the motion is unbounded there; add points until the force leads back, "
+                "put a stopper there, or state by oscillator.restoring_force_range that "
                 "the mass stays within the table"
             )
         return
@@ -176,7 +176,7 @@ def _check_bounded(oscillator, stoppers, origin):
             f"{origin}: oscillator.{value} leaves the motion unbounded on the {side}: the "
             "highest power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short "
             f"form), a stopper with a greater exponent must be on the {side}, or "
-            "oscillator.restoring_force_range must say between which displacements it is meant"
+            "oscillator.restoring_force_range must give the displacements between which it holds"
         )
 
 

@@ -102,7 +102,7 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
 
 
 def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each start's period, and how far it still is from the cycle that it comes to.
+    """Each start's period, and its remaining distance from the cycle that it approaches.
 
     Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
     A fast decay may mask a slow store, so that its whole memory counts.

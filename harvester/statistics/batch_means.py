@@ -29,13 +29,13 @@ FEWEST_TO_JOIN = 64
 # A standard error of fewer effective batches covers too little: at seven, which ten correlation
 # times give, a mean of squares lies within 1.96 standard errors in 94 % of runs.
 FEWEST_EFFECTIVE = 7.0
-# Standard errors are raised by this over the effective batches: few batches know their scatter
+# Standard errors are raised by this over the effective batches: few batches estimate their scatter
 # badly, and a mean of squares that is too low comes with too low a scatter. Means of squares of
 # Gaussian noise are then covered in 93 to 96 % from ten correlation times on, 88 to 92 % without.
 RAISED = 2.5
 # Neighbours correlated by c become nearly uncorrelated if they are the first over −ln c times as
 # long: of sequences that forget within 3 and 8 batches, 94 and 87 % then have an error bar. A
-# correlation above the second tells no time.
+# correlation above the second determines no time.
 LENGTHS_TO_FORGET, LARGEST_LEFT = 2.5, 0.98
 # Least number of batches, and largest number of groups of the histograms, of all realizations.
 TOTAL_BATCHES = 256
@@ -293,7 +293,7 @@ def ratio_estimate(
         Why there is no ratio where `lower` is 0.
     squares : ndarray, optional
         Time integrals of the square of what `upper` integrates over the time `lower`: its variance
-        tells the effective sample size.
+        determines the effective sample size.
     error_of : callable
         See `harvester.statistics.run_quantities.estimate_all`.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from harvester.base.formatting import with_error
 from harvester.base.serialising import LEFT_OUT, plain
 
-NONE_SEEN = "none seen: no error bar tells how rare they are"
+NONE_SEEN = "none seen: no error bar for their rate"
 NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 NO_VALUE = "no number: the averaged quantity is not finite at some time of the run"
@@ -22,7 +22,7 @@ ROUNDED_OFF = "below the solver's resolution of the load's powers"
 NO_OUTPUT = "no resistor lies across the output, and no measure is one"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
-# These reasons say more about a value than that the run is too short.
+# These reasons take precedence over a run that is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
 # Names of the two attributes in other libraries.
 OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")

@@ -26,7 +26,7 @@ from harvester.statistics.output_moments import MEASURED
 SECONDS_PER_HOUR = 3600.0
 # Up to this number of events, the error of their number assumes independent events.
 FEW_EVENTS = 10
-UNCHANGED = "it never changed: no error bar tells how rare that is"
+UNCHANGED = "it never changed: no error bar for the rate of changes"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 

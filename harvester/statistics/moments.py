@@ -134,7 +134,7 @@ class Moments:
     ) -> Moments:
         """Nothing accumulated yet, for the time from `start` to `stop` (s).
 
-        `shares` says whether the time in each well is wanted.
+        `shares`: whether to store the time in each well.
         """
         saddles = np.sort(np.asarray(saddles, dtype=float))
         rows = WELLS + (len(saddles) + 1 if shares else 0)

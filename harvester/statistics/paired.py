@@ -94,8 +94,8 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
     Combinations of several results on common noise get their error from the same combination of
-    these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
-    estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
+    these: its `standard_error` accounts for the noise that the results share. The mean is 0, the
+    unit the estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

@@ -117,7 +117,7 @@ def efficiency_notes(
 
 
 def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output so small that steps may cost it more than `step_error` says."""
+    """A note on an output so small that its step error may exceed `step_error`."""
     if "mean_output_power" not in estimates:
         return ()
     output_power, input_power = (

@@ -368,7 +368,7 @@ def _storage(scene, stores, estimates):
             "charges it)"
         )
         if abs(worst.missing) > MOST_MISSING:
-            # While diodes block, the bound says nothing.
+            # While diodes block, the bound is meaningless.
             away, longest = "it has not come near its ", ""
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "

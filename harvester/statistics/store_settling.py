@@ -122,8 +122,8 @@ def _state(store, levels, ends, matrix, times):
             missing, time = by_network, by_network / rate
         memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
-        # There is no time constant: assume that the store still lacks as much as the run has
-        # changed it.
+        # There is no time constant: assume that the store's remaining charge is as large as the run
+        # has changed it.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
@@ -136,7 +136,7 @@ def _state(store, levels, ends, matrix, times):
 def _by_decay(changes, length):
     """Missing part and relaxation time (s), from the rate's decay at the run's end; else inf, nan.
 
-    The rates in the last two quarters go on as a geometric series.
+    The rates in the last two quarters are extrapolated as a geometric series.
     """
     batches = changes.shape[1]
     mean_changes = changes.sum(axis=0) / len(changes)

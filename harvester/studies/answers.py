@@ -73,7 +73,7 @@ def first_answer(runner: Any, request: Request) -> Any:
     (answer,) = runner.answer([request])
     if answer is None:
         raise OutOfTime(
-            "the time budget was spent before the first run was done; the same command goes on"
+            "the time budget was spent before the first run ended; repeat the command to continue"
         )
     if isinstance(answer, HarvesterError):
         raise answer
@@ -86,7 +86,7 @@ def is_complete(answer: Any) -> bool:
 
 
 def told(answer: Any) -> str:
-    """The reason why a run did not come to its end."""
+    """The reason why a run did not complete."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 
 

@@ -467,7 +467,7 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "
             f"in pieces of {spacing:.3g} s, are more than {MOST_KNOTS:g} of them; choose others, "
-            "or a load that is sooner charged"
+            "or a load with faster stores"
         )
     dwell = math.ceil(dwell / spacing) * spacing
     sine: Any = scene.excitation

@@ -199,7 +199,7 @@ def _at(scene, values):
 def _with_storage(points):
     """Storage capacitors of the library's loads small enough to charge while a run settles.
 
-    Where the user says nothing: at 10 MΩ the library's 10 µF would take minutes.
+    Unless the user gives one: at 10 MΩ the library's 10 µF would take minutes.
     """
     changed = []
     for k, point in enumerate(points):

@@ -220,7 +220,7 @@ def frequency_response(
         if isinstance(outcome, HarvesterError):
             raise outcome
     if None in outcomes:
-        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
+        raise HarvesterError("the time budget was spent: repeat the same command to continue")
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]
@@ -264,9 +264,9 @@ def spectrum(
     column : str or None
         For a record: name or number of the acceleration's column.
     unit : str or None
-        Unit of a record's column, where its heading does not say it: g, m/s^2, …
+        Unit of a record's column, if its heading has none: g, m/s^2, …
     sampling_rate : float or None
-        Sampling rate of a record, where it does not say it (Hz).
+        Sampling rate of a record, if its file has none (Hz).
     resolution : float or None
         Bandwidth of the density (Hz); default: the bandwidth of 64 segments.
     duration : float or None
@@ -410,7 +410,7 @@ def load_study(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
         With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
-        and there are as many as it takes, at most `MOST_REALIZATIONS`.
+        and as many run as the precision needs, at most `MOST_REALIZATIONS`.
     loads : sequence of str
         A load of netlists/ or a file; several may be given (default: the scene's own).
     over : dict of str to sequence of float
@@ -645,7 +645,7 @@ def optimum(
     Notes
     -----
     The points proposed over several follow from the seed and the answers alone: with `output` the
-    same call after a kill takes the answers that are there and goes on to the same end.
+    same call after a kill reuses finished answers and gives the same result.
 
     Examples
     --------

@@ -76,7 +76,7 @@ class Sweep(ResultBase):
         The quantities that the tables show; `cells` hold all there are.
     cells : array of shape (values of each key …, methods).
     out_of_time
-        The time budget ended it: the same call with `output` goes on.
+        The time budget ended it: repeat the call with `output` to continue.
     seconds
         Wall-clock, of this call.
     """
@@ -162,8 +162,8 @@ class Sweep(ResultBase):
     def _findings(self) -> list[str]:
         """How the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
-        notes = placed_notes(
+        ended = ["the time budget was spent: repeat the call to continue"] if self.out_of_time else
+        [] notes = placed_notes(
             (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
             for point, cell in self.places()
         )
@@ -378,5 +378,5 @@ def _series(sweep, name, x, cells, place, factor):
 
 
 def _without_settings(label):
-    """A method's name, without the settings that tell two methods of one name apart."""
+    """A method's name, without the settings that distinguish two methods of one name."""
     return label.partition(" (")[0]

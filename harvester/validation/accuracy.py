@@ -160,7 +160,7 @@ class Accuracy(ResultBase):
             f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
             "and without the start of the program; never: the bias alone is larger; (?): the bias "
-            "is not known well enough to say that this error is reached",
+            "is too uncertain to show that this error is reached",
             *(f"{name}: {ratio:.3g}" for name, ratio in ratios(speeds).items()),
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]

@@ -331,7 +331,7 @@ def measure(
 
 
 def _row(method, run, path_errors, reference, answer, scatter):
-    """A method's row; `answer` is the reference's longest run, which knows its means best."""
+    """A method's row; `answer` is the reference's longest run, with the most precise means."""
     mean_step, strong = path_errors
     if not isinstance(run, Timed):
         return MethodRow(method, None, run, mean_step, strong)

@@ -1,6 +1,6 @@
 """Means that are known without simulation, where a case is simple enough for them.
 
-Each function returns, for the quantities that it knows, their values and how far off they may be;
+Each function returns the values of some quantities, and their largest deviations;
 an empty dictionary where it does not hold.
 """
 

@@ -182,7 +182,7 @@ def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> flo
 
 
 def downloaded() -> list[Truth]:
-    """A row of each set, which says how to get it where it is not there."""
+    """A row of each set, with instructions for download if it is missing."""
     return [_set(entry) for entry in entries("known_results")["set"]]
 
 

@@ -183,7 +183,7 @@ def path_scene(scene: Scene) -> Scene:
 
 
 def reference_engine(scene: Scene) -> str:
-    """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
+    """Monte Carlo, whose scheme is of higher order; the circuit if only it supports the load."""
     return "monte-carlo" if scene.load.is_resistor else "circuit"
 
 

@@ -2,7 +2,7 @@
 
 A reference shares no fault with the answer that is compared with it: the path with a fine one,
 Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
-Each comparison tells how sharp it is. A cell is *right* where no reference disagrees and one at
+Each comparison states its resolution. A cell is *right* if no reference disagrees and one at
 least is known to 2 % or better; else it is *not judged*.
 """
 

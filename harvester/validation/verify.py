@@ -244,7 +244,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     cures = {entry["device"]: entry["cure"] for entry in known["set"]}
     lines = []
     for row in (row for name in cures for row in by_device.get(name, ())):
-        # An exact share, or only values that others published.
+        # The exact share, or the largest share that others published.
         exact, most = row.truth.exact, row.truth.allowance
         expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
         value = "" if row.reason else f"{row.value:.2%}"

@@ -252,7 +252,7 @@ def check_block(ready: Prepared) -> None:
         )
     if scene.excitation.prescribes_displacement:
         raise NetlistError(
-            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} says where the mass is, "
+            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} prescribes the motion, "
             "and a block's base moves: choose another excitation, or take `--as deck`"
         )
     if any(getattr(contact.law, "holds", 0.0) for contact in ready.system.contacts):

@@ -514,4 +514,4 @@ def _check(beam, origin):
             f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
         )
     if beam.tip_mass or beam.tip_inertia:
-        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")
+        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material exclude each other")

@@ -324,7 +324,7 @@ class Comparison(ResultBase):
         ]
 
     def _reasons_without_error_bar(self, name):
-        """The first engine's reason, if one says it."""
+        """The first engine's reason, if it has one."""
         pair = [result.scaled_quantities.get(name) for result in self._engines()]
         return [mean.note for mean in pair if mean is not None and mean.note][:1]
 

@@ -84,7 +84,7 @@ class LoadStudy(ResultBase):
     proofs
         Comparisons with the circuit, at the points that were chosen for it.
     out_of_time
-        The time budget ended it: the same call again goes on.
+        The time budget ended it: repeat the call to continue.
     computed, reused
         Tasks.
     warnings : tuple of str

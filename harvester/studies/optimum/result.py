@@ -242,7 +242,7 @@ class Optimum(ResultBase):
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
             lines.append(
-                f"the runs are too short to tell how flat the maximum is: {longer_runs(self.scene)}"
+                f"the runs are too short to show how flat the maximum is: {longer_runs(self.scene)}"
             )
         for parameter in self.parameters:
             if parameter.is_narrow:

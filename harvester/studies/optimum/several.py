@@ -5,8 +5,8 @@ on fresh noise, as the highest of many is partly luck; from the best of them the
 the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
 nothing was chosen by.
 
-Methods without noise go on from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis, Hong
-Kong Polytechnic University, 2022), to their own precision.
+Methods without noise continue from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis,
+Hong Kong Polytechnic University, 2022), to their own precision.
 """
 
 import math
@@ -32,7 +32,7 @@ from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Default number of proposals for each parameter, and of points of a grid in their stead.
+# Default number of proposals for each parameter, and of points of a grid instead.
 EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8

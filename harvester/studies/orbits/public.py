@@ -194,7 +194,7 @@ def bifurcation(
     if isinstance(outcome, HarvesterError):
         raise outcome
     if outcome is None:
-        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
+        raise HarvesterError("the time budget was spent: repeat the same command to continue")
     branches, failures = outcome
     return work.Bifurcation(
         scene=scene,

@@ -322,7 +322,7 @@ def _check_rows(kept, failures, out_of_time):
         )
     raise OutOfTime(
         f"the time budget was spent after {kept.sum()} of {kept.size} rows, and indices need "
-        f"{FEWEST_ROWS}; run again with the same --output to go on"
+        f"{FEWEST_ROWS}; run again with the same --output to continue"
     )
 
 
@@ -335,7 +335,7 @@ def _told(kept, failures, out_of_time):
         )
     if out_of_time:
         lines.append(
-            f"out of time: {kept.sum()} of {kept.size} rows; the same command with --output goes on"
+            f"out of time: {kept.sum()} of {kept.size} rows; repeat it with --output to continue"
         )
     return tuple(lines)
 

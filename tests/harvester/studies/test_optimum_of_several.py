@@ -136,7 +136,7 @@ def test_runs_without_errors_tell_no_flat_region():
 
     found = optimum(PAPER, OVER, maximise="jump_rate", evaluations=16, runner=Short(hill, 0.1))
     assert all(math.isnan(each.flat_low) for each in found.parameters)
-    assert any("too short to tell how flat" in line for line in found.sentences())
+    assert any("too short to show how flat" in line for line in found.sentences())
     json.dumps(found.to_dict(), allow_nan=False)
 
 
