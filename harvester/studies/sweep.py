@@ -162,8 +162,8 @@ class Sweep(ResultBase):
     def _findings(self) -> list[str]:
         """How the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        ended = ["the time budget was spent: repeat the call to continue"] if self.out_of_time else
-        [] notes = placed_notes(
+        ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
+        notes = placed_notes(
             (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
             for point, cell in self.places()
         )
