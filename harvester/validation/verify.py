@@ -179,8 +179,8 @@ class Verification(ResultBase):
         count = len(self.exact) - len(others)
         return [
             f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
-            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
-            "the known difference between the simulated device and the exact result's.",
+            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, plus "
+            "the known difference between the simulated and the exact device.",
             *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
         ]
 
