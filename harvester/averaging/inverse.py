@@ -119,12 +119,12 @@ class Inverse:
             "simulate"
         )
 
-    def _take(self, left, found, which):
-        """Project a residual `left` onto some directions and add their part to the solution
-        `found`."""
+    def _take(self, left, solution, which):
+        """Project a residual `left` onto some directions and add their part to `solution`,
+        in place."""
         along = self._changes[which] @ left.astype(KEPT)
         left -= along @ self._changes[which]
-        found += along @ self._directions[which]
+        solution += along @ self._directions[which]
 
     def _near(self, rest):
         """Preconditioner: an approximate solution for a residual, from the coarser grid."""

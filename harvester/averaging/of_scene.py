@@ -235,8 +235,8 @@ def _fitted(scene):
         raise AveragingError(
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
         )
-    ready = prepared(scene)
-    parameters, scales = ready.system, ready.scales
+    model = prepared(scene)
+    parameters, scales = model.system, model.scales
     spectrum_fit = fit_spectrum(
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )

@@ -211,11 +211,11 @@ def table(cls: type[Declared]) -> type[Declared]:
             f'scene.replace({{"{prefix}{name}": {value!r}}})'
         )
 
-    made: Any = dataclass(frozen=True)(cls)
-    made.__setattr__ = refuse
-    keys = {n: f.metadata["key"] for n, f in made.__dataclass_fields__.items() if f.metadata}
-    made.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
-    return made
+    frozen: Any = dataclass(frozen=True)(cls)
+    frozen.__setattr__ = refuse
+    keys = {n: f.metadata["key"] for n, f in frozen.__dataclass_fields__.items() if f.metadata}
+    frozen.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
+    return frozen
 
 
 def class_of(tables: Any, values: Mapping[str, Any]) -> Any:

@@ -67,10 +67,10 @@ def _table(h5py, file):
 
     def numbers(longest):
         single = {name: _values(*array) for name, array in arrays.items() if array[0].size == 1}
-        said = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
+        attributes = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
         for name in longest:
-            said |= _number_attributes(arrays[name][0], f"{name}/")
-        return said | _number_attributes(file)
+            attributes |= _number_attributes(arrays[name][0], f"{name}/")
+        return attributes | _number_attributes(file)
 
     return table_of_longest(shapes, load, units, numbers)
 

@@ -207,8 +207,10 @@ def _is_cut_short(content, lines, form):
     """Whether the last number has fewer digits than all others, which have the same."""
     *others, last = (DIGITS.fullmatch(_fields(x, form.separator)[-1].strip()) for x in lines)
     # Decimals, and letters of the exponent.
-    digits, *more = {match and (len(match[1]), len(match[2] or "")) for match in others} or {None}
-    if content.endswith((b"\n", b"\r")) or len(others) < 2 or more or not (digits and last):
+    digits, *other_digits = {
+        match and (len(match[1]), len(match[2] or "")) for match in others
+    } or {None}
+    if content.endswith((b"\n", b"\r")) or len(others) < 2 or other_digits or not (digits and last):
         return False
     return (len(last[1]), len(last[2] or "")) < digits
 

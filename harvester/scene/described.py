@@ -50,13 +50,13 @@ def device_line(scene: Scene) -> tuple[str, ...]:
 
 def _wells(scene):
     """Texts on the wells of a device that has several, and on the barriers out of them."""
-    ready = prepared(scene)
-    wells = sorted(timescales.wells(ready.system))
+    model = prepared(scene)
+    wells = sorted(timescales.wells(model.system))
     if len(wells) < 2:
         return []
-    length, energy = ready.scales.of("displacement"), ready.scales.of("energy")
+    length, energy = model.scales.of("displacement"), model.scales.of("energy")
     places = ", ".join(quantity(length * well, "m", 3) for well in wells)
-    barriers = [energy * timescales.barrier(ready.system, well) for well in wells]
+    barriers = [energy * timescales.barrier(model.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
     return [f"wells at {places}", f"barriers out of them {heights}"]
 

@@ -47,14 +47,14 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     }  # fmt: skip
     tables = dict(tables)
     for name, computed in (("oscillator", oscillator), ("piezo", piezo)):
-        given = tables.get(name, {})
+        table = tables.get(name, {})
         for key in DRAWN[name]:
-            if key in given:
+            if key in table:
                 raise SceneError(
                     f"{origin}: {name}.{key} follows from [beam]: remove one of them, or change "
                     "the beam's own keys"
                 )
-        tables[name] = given | computed
+        tables[name] = table | computed
     return tables
 
 

@@ -90,10 +90,12 @@ def estimate_output(
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     sources, squares, estimates = supplied(moments), _squares(moments, output), {}
-    used, stored = _used_and_stored(moments, output)
+    used_energy, stored = _used_and_stored(moments, output)
     if sources:
         square = squares.pop("mean_output_power", None)
-        estimates[USED] = ratio_estimate(used, time, "power", squares=square, error_of=error_of)
+        estimates[USED] = ratio_estimate(
+            used_energy, time, "power", squares=square, error_of=error_of
+        )
     for name, energy in sources.items():
         estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
     # The final mean is taken over the last half of the measured time. The load starts discharged,
@@ -101,8 +103,8 @@ def estimate_output(
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
-    given = batches[:, :, PIEZO_QUANTITIES.index("load_power")]
-    least_resolved = _least_resolved(used, sources, given, stored)
+    load_energy = batches[:, :, PIEZO_QUANTITIES.index("load_power")]
+    least_resolved = _least_resolved(used_energy, sources, load_energy, stored)
     for name, (upper, lower) in output_ratios(moments).items():
         estimate = ratio_estimate(
             upper, lower, RATIOS[name], NOTHING_PUT_IN, squares.get(name), error_of
@@ -133,18 +135,18 @@ def estimate_output(
     return estimates | estimate_measures(moments, error_of, error_of_change)
 
 
-def _least_resolved(used, sources, given, stored):
+def _least_resolved(used, sources, load_energy, stored):
     """By quantity, the energy below which a difference or a share of energies is rounding."""
-    given, stored = abs(float(given.sum())), abs(float(stored.sum()))
+    load_energy, stored = abs(float(load_energy.sum())), abs(float(stored.sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *sources.values()))
     sums = {
         "mean_output_power": exchanged,
-        "mean_storage_power": exchanged + given,
-        "mean_converter_loss": exchanged + given + stored,
+        "mean_storage_power": exchanged + load_energy,
+        "mean_converter_loss": exchanged + load_energy + stored,
         "converter_efficiency": exchanged + stored,
         "end_to_end_efficiency": exchanged + stored,
     }
-    least = LEAST_SHARE * given
+    least = LEAST_SHARE * load_energy
     return {name: max(RESOLVED_SHARE * energy, least) for name, energy in sums.items()}
 
 
@@ -182,13 +184,13 @@ def _stored_energies(moments, time, error_of):
     A battery counts with its charge since the start of the measured time.
     """
     series = np.stack([m.output.stored[: time.shape[1]] for m in moments])
-    taken = _taken_by_batteries(moments, time)
-    if not series[:, :, INTEGRAL].any() and not taken.any():
+    charged = _taken_by_batteries(moments, time)
+    if not series[:, :, INTEGRAL].any() and not charged.any():
         return {}
     # Within a batch half of a battery's charge has arrived on average.
-    energy = series[:, :, INTEGRAL] + (np.cumsum(taken, axis=1) - 0.5 * taken) * time
-    squares = None if taken.any() else series[:, :, SQUARE]
-    final = [m.output.energy + into.sum() for m, into in zip(moments, taken, strict=True)]
+    energy = series[:, :, INTEGRAL] + (np.cumsum(charged, axis=1) - 0.5 * charged) * time
+    squares = None if charged.any() else series[:, :, SQUARE]
+    final = [m.output.energy + into.sum() for m, into in zip(moments, charged, strict=True)]
     return {
         "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),
         "final_stored_energy": _single(final, "energy"),
@@ -209,21 +211,21 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     if "mean_converter_loss" not in estimates:
         return {}
     sizes = {name: abs(estimate.estimate) for name, estimate in estimates.items()}
-    given, put_in = sizes["mean_power"], sizes["mean_input_power"]
+    load_power, put_in = sizes["mean_power"], sizes["mean_input_power"]
     supplies = [size for name, size in sizes.items() if name.startswith(SUPPLIED)]
     output = math.hypot(sizes.get(USED, sizes["mean_output_power"]), *supplies)
     harvested = math.hypot(output, sizes["mean_storage_power"])
     losses = [m.name for m in measures if m.kind == LOSS and m.trees[0][0] == "-"]
     return {
         "mean_output_power": output,
-        "mean_storage_power": max(given, output),
-        **{f"{m.name}_storage_power": max(given, output) for m in measures if m.kind == STORE},
-        "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
-        "mean_converter_loss": math.hypot(given, harvested),
-        "converter_efficiency": harvested / given if given else 0.0,
+        "mean_storage_power": max(load_power, output),
+        **{f"{m.name}_storage_power": max(load_power, output) for m in measures if m.kind == STORE},
+        "stored_energy_per_hour": SECONDS_PER_HOUR * max(load_power, output),
+        "mean_converter_loss": math.hypot(load_power, harvested),
+        "converter_efficiency": harvested / load_power if load_power else 0.0,
         "end_to_end_efficiency": harvested / put_in if put_in else 0.0,
-        **{f"{name}_loss": given for name in losses},
-        **{f"{name}_loss_share": given / put_in if put_in else 0.0 for name in losses},
+        **{f"{name}_loss": load_power for name in losses},
+        **{f"{name}_loss_share": load_power / put_in if put_in else 0.0 for name in losses},
     }
 
 
@@ -288,11 +290,11 @@ def _used_and_stored(moments, output):
 
 def _taken_by_batteries(moments, like):
     """Energy that batteries store, batch by batch; 0 of those that deliver."""
-    taken = np.zeros_like(like)
+    charged = np.zeros_like(like)
     for kind, _, series in _sources(moments):
         if kind == BATTERY and series.sum() > 0.0:
-            taken = taken + series
-    return taken
+            charged = charged + series
+    return charged
 
 
 def _squares(moments, output):

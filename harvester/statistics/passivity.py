@@ -38,14 +38,14 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
     names = ("mean_power", "mean_output_power", "mean_storage_power")
     if not all(name in estimates for name in names):
         return ""
-    given, output, stored = (estimates[name] for name in names)
+    load, output, stored = (estimates[name] for name in names)
     drawn, power = -stored.estimate, output.estimate
     if not power > 0.0:
         return ""
     if drawn > MOST_DRAWN * power or drawn > max(DRAWN_SHARE * power, stored.standard_error or 0.0):
         share, origin = min(drawn / power, 1.0), "the load's stores"
-    elif power > (1.0 + DRAWN_SHARE) * given.estimate:
-        share, origin = 1.0 - max(given.estimate, 0.0) / power, "within the load"
+    elif power > (1.0 + DRAWN_SHARE) * load.estimate:
+        share, origin = 1.0 - max(load.estimate, 0.0) / power, "within the load"
     else:
         return ""
     return f"{share:.2g} of the output power comes from {origin}, not from the device"

@@ -183,7 +183,7 @@ def run_estimates(
     reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
-        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
+        *[*dict.fromkeys(moment.note for moment in moments if moment.note)][:MOST_NOTES],
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
@@ -246,13 +246,13 @@ def _sinks(scene, moments, scale):
     load = scene.load.circuit
     if load is None or not load.has_output or any(m.kind == OUTPUT for m in load.measures):
         return ()
-    taken = taken_by_sources(moments)
+    powers = taken_by_sources(moments)
     return tuple(
-        f"{part.name} takes {quantity(scale * taken[name], unit_of(scene, 'power'), 3)} at the "
+        f"{part.name} takes {quantity(scale * powers[name], unit_of(scene, 'power'), 3)} at the "
         "output, which counts as converter loss, as only resistors there are the output: to count "
         "it, write * measure: output NAME = watts"
         for part in load.elements
-        if (name := part.name.replace(".", "_")) in taken
+        if (name := part.name.replace(".", "_")) in powers
         and not part.voltage
         and {*part.nodes[:2]} == {*load.pins[2:]}
     )
@@ -354,10 +354,10 @@ def with_steps(
         samples = None
     # A quantity that is constant while the motion changes does not depend on the steps.
     if error is not None and (unvarying or not constant(estimate.estimate, error)):
-        whole = math.hypot(error, path_error * size)
-        if samples is not None and whole > 0.0:
-            samples *= (error / whole) ** 2
-        error = whole
+        total_error = math.hypot(error, path_error * size)
+        if samples is not None and total_error > 0.0:
+            samples *= (error / total_error) ** 2
+        error = total_error
     if samples is not None and memory > 0.0:
         samples = min(samples, scene.run.duration / memory)
     return replace(estimate, standard_error=error, effective_sample_size=samples)

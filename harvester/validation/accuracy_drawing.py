@@ -159,10 +159,10 @@ def _total_errors(study, name, marks):
     for row in rows:
         error, colour = row.errors[name], marks[row.method.group][0]
         total = total_of(error)
-        known = error.bias.estimate == error.bias.standard_error == 0.0
-        uncertainty = 0.0 if known else 200.0 * (error.bias.standard_error or math.inf)
-        for line, shown in (("-", total >= uncertainty), ("--", total < uncertainty)):
-            series.append(Series(seconds, np.where(shown, total, np.nan), None, colour, line))
+        is_exact = error.bias.estimate == error.bias.standard_error == 0.0
+        uncertainty = 0.0 if is_exact else 200.0 * (error.bias.standard_error or math.inf)
+        for line, selected in (("-", total >= uncertainty), ("--", total < uncertainty)):
+            series.append(Series(seconds, np.where(selected, total, np.nan), None, colour, line))
         read = [(error.seconds_to(limit), 100.0 * limit) for limit in LIMITS]
         read = [point for point in read if point[0] < math.inf]
         series.append(_points(row, marks, *np.reshape(read, (-1, 2)).T))

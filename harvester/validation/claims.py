@@ -241,8 +241,10 @@ def claims(
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {point: outcomes[request] for point, request in request_of_point.items()}
-    found = {point: answer for point, answer in answers.items() if answered(answer)}
-    opinions = [(claim, {m: _opinion(scene, claim, m, found) for m in METHODS}) for claim in chosen]
+    usable = {point: answer for point, answer in answers.items() if answered(answer)}
+    opinions = [
+        (claim, {m: _opinion(scene, claim, m, usable) for m in METHODS}) for claim in chosen
+    ]
     return ReproducedStatements(scene, opinions, answers, thorough, time.perf_counter() - clock)
 
 

@@ -188,15 +188,15 @@ def downloaded() -> list[Truth]:
 
 def _set(entry):
     name = os.environ.get(entry["variable"], "")
-    place = Path(name)
-    files = [place]
+    folder = Path(name)
+    files = [folder]
     if "files" in entry:
-        files = sorted(place / file for file in getattr(tasks, entry["files"]).values())
+        files = sorted(folder / file for file in getattr(tasks, entry["files"]).values())
     question: Any = ProgramNotFound(f"not downloaded: {entry['cure']}")
     if name and all(file.is_file() for file in files):
         content = b"".join(file.read_bytes() for file in files)
         call = {
-            "place": os.path.abspath(place),
+            "place": os.path.abspath(folder),
             "digest": hashlib.sha256(content).hexdigest(),
             "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
         }

@@ -108,7 +108,7 @@ class StatementTest:
         """The changes of the scene whose answers this test needs; without any the condition."""
         places = [(self.swept, value) for value in self.values]
         places += [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
-        return [with_value(condition, *place) for place in places] or [condition]
+        return [with_value(condition, *point) for point in places] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
         """Findings from the answers of one method at a condition."""
@@ -137,11 +137,11 @@ class _Followed(StatementTest):
         pairs = zip(self.values, answers, strict=True)
         points = [(v, answer) for v, answer in pairs if answer and _has(answer, self.quantity)]
         findings = []
-        for first, last, *rest in self.steps(points) if len(points) >= self.fewest else ():
+        for first, last, *options in self.steps(points) if len(points) >= self.fewest else ():
             change = relative_change(first[1], last[1], self.quantity)
             if change:
                 where = _range(condition, self.swept, first[0], last[0])
-                findings.append(Finding(where, *change, *rest))
+                findings.append(Finding(where, *change, *options))
         return findings
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:

@@ -231,9 +231,9 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
 
 def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     """Markdown of the rows of measured devices: every point, inferred values, and deviations."""
-    known, by_device = entries("known_results"), _by_device(rows)
+    tables, by_device = entries("known_results"), _by_device(rows)
     parts = []
-    for device in known["device"]:
+    for device in tables["device"]:
         device_rows, name = by_device.get(device["name"], []), device["name"]
         if device_rows:
             scatters = ", ".join(f"{scatter_of(device, f):.2%} at {f} Hz" for f in device["series"])
@@ -241,7 +241,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
             parts.append(f"## {name[0].upper()}{name[1:]}")
             parts.append(_listed([*remarks, f"Predicted: {summary(device_rows)}"]))
             parts.append(markdown_table(_points(device_rows)))
-    cures = {entry["device"]: entry["cure"] for entry in known["set"]}
+    cures = {entry["device"]: entry["cure"] for entry in tables["set"]}
     lines = []
     for row in (row for name in cures for row in by_device.get(name, ())):
         # The exact share, or the largest share that others published.
@@ -253,7 +253,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         head = ["set", "result", "by", "expected", "ours", "verdict"]
         parts += [
             "## Sets to download",
-            known["page"]["downloaded"],
+            tables["page"]["downloaded"],
             markdown_table([head, *lines]),
         ]
         parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
@@ -261,7 +261,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         "# Measured against",
         "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
-        known["page"]["opening"],
+        tables["page"]["opening"],
         *parts,
     )
 
