@@ -201,7 +201,7 @@ class _Jumps(_Found):
         return later
 
     def _last_in_cores(self, later, source, guess, parity):
-        """The mass by the core it was in last, found from the coarser grid's or the wells'."""
+        """Mass by the core it was in last, starting from the coarser grid's or the wells' mass."""
         coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p

@@ -6,7 +6,7 @@ from typing import Any
 
 
 class HarvesterError(Exception):
-    """Base of every error that a user can cause or must know of.
+    """Base of every error that a user can cause or should see.
 
     `exit_code` is the exit code of a command that the error ends.
     """
@@ -107,7 +107,7 @@ class NotConverged(SimulatorAborted):
 
 
 class LoadChatters(SimulatorAborted):
-    """A part of the load turns on and off without an end; the load's file is to be changed."""
+    """A part of the load toggles endlessly; the load's file must be changed."""
 
     exit_code = 2
 

@@ -1,4 +1,4 @@
-"""matplotlib with its own settings and the house's, whatever settings files lie about."""
+"""matplotlib with its default settings and this project's style, without settings files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harvester.base.surroundings import PACKAGE, away_from_working_folder
 
 
 def load_matplotlib() -> None:
-    """Import matplotlib and its styles without any settings file, whatever MPLBACKEND names.
+    """Import matplotlib and its styles without any settings file, for any MPLBACKEND.
 
     It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
     damaged would end every figure, and a pipe in its place would be waited for without end. Who
@@ -51,7 +51,7 @@ def _import_styles():
 
 @contextlib.contextmanager
 def _variables(**values: str | None) -> Iterator[None]:
-    """Environment variables that have these values within the block; None: not there."""
+    """Set environment variables within the block; None removes one."""
     before = {name: os.environ.get(name) for name in values}
     _set(values)
     try:

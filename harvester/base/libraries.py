@@ -1,4 +1,4 @@
-"""Libraries that only some commands need, imported when they are."""
+"""Optional libraries, imported when a command needs them."""
 
 import importlib
 from types import ModuleType

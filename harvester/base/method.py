@@ -23,7 +23,7 @@ class Method(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """The name that it has in calls, results and files."""
+        """Name of the method in calls, results and files."""
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def keep_environment_usable() -> None:
-    """Remove environment variables whose values would make numba fail.
+    """Remove environment variables with values that make numba fail.
 
     That is a number of threads below 1, and where its cache is looked for: nothing here uses its
     threads, and `is_safe` judges the usual places of the cache.
@@ -118,7 +118,7 @@ def alone(folder: Path, name: str) -> Iterator[None]:
 
 @functools.cache
 def _lock_file(folder):
-    """Open for as long as the process lives: closing it would give up all its locks."""
+    """Open the lock file for the process's lifetime: closing it would release all its locks."""
     try:
         import fcntl
 

@@ -114,7 +114,7 @@ def keep_own_index() -> None:
 
 
 def wait_for_other_processes() -> None:
-    """Let a process that needs code which another is just compiling wait and take that one's.
+    """Make a process wait for code that another process is compiling, and load that code.
 
     Workers that begin together would all compile the same for seconds.
     """

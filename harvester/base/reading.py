@@ -1,4 +1,4 @@
-"""Files that a user names are read whole, if they are plain files of a sane size."""
+"""Reading of files that a user names: whole, if plain and of limited size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SORTS = (
 
 
 def memory_limit() -> int:
-    """Bytes that one record may take while it is read and conditioned, in each process."""
+    """Largest memory for reading and conditioning one record, in each process (bytes)."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return int(min(MEMORY_SHARE * physical, LARGEST_MEMORY))
 

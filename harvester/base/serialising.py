@@ -128,7 +128,7 @@ def values_of(kind: Any, content: Any, where: str) -> dict[str, Any]:
 
 
 def _read_key(kind, name, where):
-    """A key of a table: JSON has texts alone."""
+    """A key of a table; JSON keys are texts."""
     if kind is int:
         _require(isinstance(name, str) and name.isdecimal(), name, where, "a whole number")
         return int(name)

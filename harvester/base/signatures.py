@@ -356,7 +356,7 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
 
 @contextlib.contextmanager
 def named_as_called(function: Callable) -> Iterator[None]:
-    """In errors of the block name parameters of the function, and not options of its command.
+    """Within the block, errors name parameters of the function instead of command options.
 
     Nothing changes while a command runs.
     """

@@ -33,7 +33,7 @@ codecs.register_error("harvester.plain", _plain)
 
 
 class GuardedStream:
-    """A text stream that remembers its first failure, and takes and drops all that follows.
+    """A text stream that remembers its first failure and discards all later output.
 
     `stream`: None: it was closed when the process began.
 
@@ -62,7 +62,7 @@ class GuardedStream:
 
     @property
     def buffer(self) -> Any:
-        """The stream beneath, guarded alike."""
+        """The underlying binary stream, guarded too."""
         return _GuardedBuffer(self, self._stream.buffer)
 
     def attempt(self, action: Callable) -> None:
@@ -139,7 +139,7 @@ def guarded_streams() -> Iterator[Callable]:
 
 
 def _open_nowhere(number):
-    """Make a file number lead nowhere, also for processes begun from here."""
+    """Redirect a file descriptor to the null device, also for child processes."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     if nowhere != number:
         os.dup2(nowhere, number)

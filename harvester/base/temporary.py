@@ -1,4 +1,4 @@
-"""Temporary folders, which the next run clears where one that was killed has left them."""
+"""Temporary folders; the next run removes folders of killed runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a worker process is started: nothing of the working folder, nothing of chance.
+"""Start of a worker process, independent of the working folder and environment.
 
 It runs in a new empty folder, imports nothing from the working folder or by Python's
 environment variables, and sees only those variables that name folders of this machine.

@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def _read_calls(calls):
-    """Pass calls on; when the parent is gone, end at once, whatever runs.
+    """Pass calls on; end immediately when the parent has ended.
 
     The process removes its own empty folder, since no other process is left to do it.
     """

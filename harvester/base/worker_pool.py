@@ -147,7 +147,7 @@ class WorkerPool:
             self._idle.put(worker)
 
     def _begin(self, *call):
-        """Start one call; returns its Future."""
+        """Start one call; return its Future."""
         if self._closed:
             raise HarvesterError("runner: its processes were ended; give one that is open")
         return self._threads.submit(self._run, *call)
@@ -201,10 +201,10 @@ class ExecutorPool:
         return self._begin(function, arguments, time_limit, True)
 
     def interrupt(self) -> None:
-        """Nothing: calls that an executor has begun end by themselves."""
+        """Do nothing: calls that an executor has begun run to their end."""
 
     def _begin(self, *call):
-        """Start one call; returns its Future."""
+        """Start one call; return its Future."""
         try:
             return self._executor.submit(call_here, *call)
         # Executors have no common exception for having been shut down.
@@ -220,7 +220,7 @@ def processes(
     workers: int | None,
     calls: int | None = None,
 ) -> Iterator[WorkerPool | ExecutorPool]:
-    """The pool that was handed in or one around the executor, else workers that end with it."""
+    """The given pool or a pool around the executor, else workers for the block."""
     if isinstance(executor, (WorkerPool, ExecutorPool)):
         yield executor
     elif executor is not None:

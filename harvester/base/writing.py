@@ -1,4 +1,4 @@
-"""The one way to write: files whole or not at all, through their real path; streams as streams."""
+"""Writing: files whole or not at all, through their real path; streams directly."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def _replace(real, old, content):
 
 
 def _keep_rights(path, old):
-    """Owner and permissions of the file that is replaced, as if it had been written in place."""
+    """Give the new file the owner and permissions of the replaced one."""
     new = os.stat(path)
     if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
         with contextlib.suppress(OSError):

@@ -83,12 +83,12 @@ class ForceTable(NamedTuple):
 
     @property
     def odd_cubic(self) -> None:
-        """None: it has no closed form."""
+        """None: there is no closed form."""
         return
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds: all, in straight lines beyond the table."""
+        """Range of the force: all displacements, in straight lines beyond the table."""
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
@@ -118,7 +118,7 @@ class ForceTable(NamedTuple):
         return (k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear, k2 + 3.0 * k3 * x + square, k3 + cube)
 
     def breaks(self) -> np.ndarray:
-        """Displacements where one piece gives way to the next, ascending, both ends with them."""
+        """Displacements at which pieces meet, ascending, including both ends."""
         bent = [
             side * offset
             for side, offset, a, b in zip(
@@ -269,7 +269,7 @@ def _ladder(table: ForceTable) -> tuple[np.ndarray, np.ndarray]:
 def force_table(
     points: Sequence[tuple[float, float]], interpolation: str = INTERPOLATIONS[0]
 ) -> ForceTable:
-    """The spring through a table's points, or nearly through them.
+    """The spring through a table's points, or a smooth fit to them.
 
     `points`: displacement and force, the displacements ascending, the first below 0 and the last
     above. `interpolation`: "monotone": through every point, nowhere beyond its two neighbours
@@ -296,7 +296,7 @@ def force_table(
 
 
 def _of_pieces(breaks, rising):
-    """The table of pieces that begin at breaks; their coefficients by rising powers."""
+    """Table of the pieces between breaks, with coefficients by rising powers."""
     middle = int(np.clip(np.searchsorted(breaks, 0.0, side="right") - 1, 0, len(rising) - 1))
     lengths = np.diff(breaks)
     ends = rising[:, 2] + 3.0 * rising[:, 3] * lengths
@@ -359,7 +359,7 @@ def bends_cubed(sides: tuple, offsets: tuple, cubes: tuple, fourths: tuple, x: V
 
 
 def _sum_of_terms(power):
-    """LLVM's own instructions, written out term by term: a loop would hold eight at a time up."""
+    """Sum of the terms as unrolled LLVM instructions: a loop would prevent vectorization."""
 
     @intrinsic
     def summed(

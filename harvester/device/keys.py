@@ -149,7 +149,7 @@ class OneOf(NamedTuple):
     hint: str = ""
 
     def replaced_by(self, name: str) -> set[str]:
-        """Keys that go when the key is set."""
+        """Keys that are removed when this key is set."""
         others = {other for other, needed in self.needs.items() if name not in needed}
         return ({*self.keys} | others) - {name} if name in self.keys else set()
 
@@ -219,7 +219,7 @@ def table(cls: type[Declared]) -> type[Declared]:
 
 
 def class_of(tables: Any, values: Mapping[str, Any]) -> Any:
-    """The class of a table: of several, the one of its `kind`, which is the first unless given."""
+    """The class of a table, by its `kind`; the first class is the default."""
     if not isinstance(tables, Mapping):
         return tables
     kind = values.get("kind", next(iter(tables)))
@@ -382,7 +382,7 @@ def is_word(value: object, words: Collection[str]) -> bool:
 
 
 def _named_values(values):
-    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
+    """Whether all values are numbers of limited size, or texts."""
     return all(
         isinstance(v, str)
         or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)

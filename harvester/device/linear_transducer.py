@@ -12,7 +12,7 @@ from harvester.device.dispatch import Values
 
 
 class NoBaseForce:
-    """A transducer on which the base's acceleration does not act directly."""
+    """Base of transducers on which the base's acceleration does not act directly."""
 
     __slots__ = ()
 
@@ -90,7 +90,7 @@ class LinearTransducer(NoBaseForce):
 
 
 class TransducerRates(NamedTuple):
-    """The numbers of a transducer whose loss and load both discharge the state.
+    """Coefficients of a transducer whose loss and load both discharge the state.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ class Polynomial(NamedTuple):
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds: all."""
+        """Range of the force: all displacements."""
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:

@@ -46,7 +46,7 @@ class Observer(Protocol):
     """Interface of objects that receive each chunk of a realization's record."""
 
     def add(self, record: Record) -> None:
-        """Take the points in; the next chunk overwrites them."""
+        """Process the points; the next chunk overwrites them."""
 
 
 def empty_record(count: int) -> Record:

@@ -71,12 +71,12 @@ class Ranged(NamedTuple):
 
     @property
     def odd_cubic(self) -> None:
-        """None: it has no closed form."""
+        """None: there is no closed form."""
         return
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds."""
+        """Displacements between which the force holds."""
         return self.low, self.high
 
     def force(self, x: Values) -> Values:

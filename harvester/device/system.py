@@ -76,7 +76,7 @@ class System(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the device turned left to right is the same."""
+        """Whether the device is symmetric under x → −x."""
         mirrored = sorted(contact._replace(side=0.0 - contact.side) for contact in self.contacts)
         return self.spring.symmetric and mirrored == sorted(self.contacts)
 

@@ -101,7 +101,7 @@ class Excitation(Table, ABC):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the path turned upside down is as likely."""
+        """Whether the path and its negative are equally likely."""
         return True
 
     @property
@@ -111,7 +111,7 @@ class Excitation(Table, ABC):
 
     @property
     def endless(self) -> bool:
-        """Whether there are as many independent paths as one likes."""
+        """Whether the number of independent paths is unlimited."""
         return False
 
     @property
@@ -125,7 +125,7 @@ class Excitation(Table, ABC):
 
     @property
     def period(self) -> float | None:
-        """Time after which it repeats itself (s); None where it does not."""
+        """Period of the excitation (s); None if it has none."""
         return None
 
     @property
@@ -135,11 +135,11 @@ class Excitation(Table, ABC):
 
     @property
     def drifts(self) -> bool:
-        """Whether its strength changes along the run, as in one record of an event."""
+        """Whether its strength changes during the run, as in the record of one event."""
         return False
 
     def transient(self, run: Run) -> bool:
-        """Whether a run meets a few events alone, which are no sample of a stationary signal."""
+        """Whether a run has a few events alone, which are no sample of a stationary signal."""
         return False
 
     @property
@@ -178,7 +178,7 @@ class Excitation(Table, ABC):
         return False
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        """Refuse values that are valid one by one but not together, or not with this run.
+        """Raise for values that are valid alone but not together, or not with this run.
 
         `run.duration` is None where the scene leaves it to the excitation. `origin` is the file's
         or the scene's name, for the message of the SceneError.

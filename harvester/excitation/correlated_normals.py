@@ -54,7 +54,7 @@ class NormalPath(ExcitationPath):
         self._last = math.nan
 
     def read(self, count: int) -> np.ndarray:
-        """The next numbers, in parts of any size the same."""
+        """The next numbers; the sequence does not depend on the sizes of the parts."""
         numbers, done = np.empty(count), 0
         while done < numbers.size:
             least_words = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
@@ -68,7 +68,7 @@ class NormalPath(ExcitationPath):
 
 @uncounted
 def _write(words, law, last, numbers, done):
-    """Write numbers while words last; returns how many are written, the last, and words used."""
+    """Write numbers until words run out; return their count, the last one, and words used."""
     deviation, memory, kick = law
     position = 0
     while done < numbers.size and position < words.size - SPARE_WORDS:

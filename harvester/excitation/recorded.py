@@ -307,7 +307,7 @@ class Knots(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _knots(record: RecordedMotion) -> Knots:
-    """The knots of a record; kept, as every realization asks."""
+    """The knots of a record, cached for all realizations."""
     name = named(Path(record.file).name)
     try:
         knots = _read_knots(record, name)
@@ -399,7 +399,7 @@ def _motion(measured, column, time_column):
 
 
 def _offset_remark(values, record, unit):
-    """A line where a constant part that matters is taken off."""
+    """Remark on a constant part that is subtracted; empty if it is small."""
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
@@ -445,7 +445,7 @@ def _power_band(record: RecordedMotion) -> tuple[float, float]:
 
 
 def _band_remark(record, angular_frequency):
-    """A line if the record's power lies far from the device's frequency."""
+    """Remark if the record's power lies far from the device's frequency."""
     frequency = angular_frequency / (2.0 * math.pi)
     low, high = _power_band(record)
     if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:

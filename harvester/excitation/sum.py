@@ -112,7 +112,7 @@ class Sum(Excitation):
         return any(part.drifts for part in self.parts)
 
     def transient(self, run: Run) -> bool:
-        """Whether nothing is by chance and a part is a transient."""
+        """Whether all parts are deterministic and one is a transient."""
         return not self.random and any(part.transient(run) for part in self.parts)
 
     def check(self, units: str, run: Run, origin: str) -> None:

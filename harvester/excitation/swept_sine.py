@@ -1,4 +1,4 @@
-"""A sine whose frequency sweeps up and down at a steady number of octaves a minute."""
+"""A sine whose frequency sweeps up and down at a constant number of octaves a minute."""
 
 from __future__ import annotations
 

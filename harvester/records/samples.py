@@ -133,7 +133,7 @@ def mended(
 
 
 def _refuse(fault, samples, detail, where, mend):
-    """Refuse faulty samples unless `mend` names the fault and they are few enough."""
+    """Raise for faulty samples, unless `mend` names the fault and they are few."""
     name, cure = {
         "nan": ("without a number", "cut the record there"),
         "clipped": ("clipped", "measure in a wider range"),
@@ -166,7 +166,7 @@ def refuse_constant(values: np.ndarray, where: str) -> None:
 
 
 def clipped_samples(values: np.ndarray) -> np.ndarray:
-    """Where the samples stay at an extreme value, crest after crest: bool of the same shape."""
+    """Samples that stay at an extreme value at several crests: bool of the same shape."""
     clipped = np.zeros(values.size, dtype=bool)
     for extreme in (values.max(), values.min()):
         flat = values == extreme

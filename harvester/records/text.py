@@ -43,7 +43,7 @@ DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
 
 
 class Form(NamedTuple):
-    """How a line of samples is written.
+    """Format of a line of samples.
 
     Attributes
     ----------
@@ -328,7 +328,7 @@ def _is_unit_row(row):
 
 
 def _refuse_unquoted_commas(above, form):
-    """Decimal commas between commas make two columns of each."""
+    """Raise if decimal commas between commas split each column in two."""
     for line, comment in above:
         names = [] if comment or form.separator != "," else line.split(",")
         if len(form.kinds) == 2 * len(names) and any(heading(name).quantity for name in names):

@@ -1,4 +1,4 @@
-"""The time base of a record: an even grid that its stamps are rounded from, drift from, or leave.
+"""The time base of a record: the even grid of its rounded, drifting or irregular stamps.
 
 Loggers round their stamps (0.003, 0.006, 0.008 s at 360 Hz), and their clocks drift. The samples
 are even all the same, so a fit of the stamps gives the rate. Interpolation at rounded stamps would
@@ -194,7 +194,7 @@ def _uneven(times, rate, steps, where, mend):
 
 
 def _bridged(times, steps, spacing, where):
-    """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
+    """Remark on gaps bridged by straight lines; raises above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
     longest = int(np.argmax(steps))

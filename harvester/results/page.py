@@ -68,7 +68,7 @@ def facts(text: str) -> str:
 
 
 def all_facts(lines: Sequence[str]) -> str:
-    """Paragraphs in small print; of many the first, and the others under a line to open."""
+    """Paragraphs in small print; many of them are folded after the first few."""
     first, others = lines[:SENTENCES], lines[SENTENCES:]
     return "".join(map(facts, first)) + (
         _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""

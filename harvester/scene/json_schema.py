@@ -51,7 +51,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _ending():
-    """Kinds of excitation that end."""
+    """Kinds of excitation with a finite duration."""
     return [name for name, cls in KINDS.items() if cls.own_duration is not Excitation.own_duration]
 
 

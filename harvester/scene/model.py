@@ -289,7 +289,7 @@ def _stiffness_at_rest(oscillator, key, instead, origin):
 
 
 def _lasting(run, excitation, origin):
-    """The run with the time that is left of a record after settling, if it has no duration."""
+    """The run with its duration; by default the record's remaining time after settling."""
     if run.duration is not None:
         return run
     length = excitation.own_duration
@@ -334,7 +334,7 @@ def _check_sampling(scene, origin):
 
 
 def _folders(folder):
-    """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
+    """Folders in which a load's netlist is searched: a scene may be copied to another folder."""
     if isinstance(folder, tuple):
         return folder
     current = str(Path.cwd())
@@ -342,7 +342,7 @@ def _folders(folder):
 
 
 def _with_circuit(load, folders, units, origin, changed):
-    """The load with its netlist: as a scene that is changed holds it, else read."""
+    """The load with its netlist, taken from the changed scene or read."""
     from circuits.netlist.subcircuits import find_netlist, read_load
 
     values = load.parameters or {}

@@ -43,7 +43,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
 
 def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
-    """One of them, or a refusal with the nearest key.
+    """The number of a key; raises with the nearest valid key.
 
     Raises HarvesterError.
     """

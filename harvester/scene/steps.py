@@ -231,7 +231,7 @@ def _frequency_error(ready, engine):
 
 
 def _near_lines(ready, engine, longest):
-    """Longest step whose shift of a resonance is small enough for an excitation with lines."""
+    """Longest step that shifts a resonance little enough for an excitation with lines."""
     constant, order, left = _frequency_error(ready, engine)
     if left == 0.0:
         return longest

@@ -466,7 +466,7 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "
-            f"in pieces of {spacing:.3g} s, are more than {MOST_KNOTS:g} of them; choose others, "
+            f"in steps of {spacing:.3g} s, exceed {MOST_KNOTS:g} steps; choose other frequencies, "
             "or a load with faster stores"
         )
     dwell = math.ceil(dwell / spacing) * spacing

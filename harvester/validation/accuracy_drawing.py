@@ -1,4 +1,4 @@
-"""One measurement, two pictures: every method's error over its run time, and over that to an error.
+"""Two figures: every method's error over its run time, and its run time to a given error.
 
 Legend entries are groups of methods, at most eight; closures are named at their points, and the
 sampling error at its line.

@@ -1,4 +1,4 @@
-"""A scene's first path by programs that share no code with this one's engines.
+"""A scene's first path by programs that share no code with the engines here.
 
 ngspice and VACASK run the exported netlist. scipy's Radau runs a harvester with the project's
 diode bridge on node equations written out here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the

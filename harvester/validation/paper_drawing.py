@@ -121,7 +121,7 @@ def _density(method, density, colour):
 
 
 def _label(method, colour):
-    """In the legend each method has the colour of the first curve."""
+    """Label of a method; the legend shows the first curve's colour alone."""
     if colour != COLOURS[0]:
         return None
     return MARKS[method][0] if method in MARKS else f"averaging, {method}"

@@ -122,7 +122,7 @@ def request(
 
 
 def costly_first(requests: Iterable[Request]) -> list[Request]:
-    """The requests with the long ones in front: no process is left alone with one at the end."""
+    """Requests with the long ones first, so that no process runs one alone at the end."""
 
     def cost(one):
         return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
@@ -131,7 +131,7 @@ def costly_first(requests: Iterable[Request]) -> list[Request]:
 
 
 def answered(outcome: Outcome) -> TypeGuard[Answer]:
-    """Whether a point has an answer, and neither a reason nor nothing."""
+    """Whether a point has an answer."""
     return outcome is not None and not isinstance(outcome, HarvesterError)
 
 

@@ -1,4 +1,4 @@
-"""Single paths of a scene at the knots of its noise, as engines run them in a worker process."""
+"""Single paths of a scene at the knots of its noise, computed in a worker process."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -39,7 +39,7 @@ from harvester.validation.paper_figures import (
 
 
 class Effort(NamedTuple):
-    """How much is computed: realizations at first, the relative standard error that more are
+    """Amount of computation: first realizations, the relative standard error that more are
     added for, and how many there may be."""
 
     realizations: int
@@ -56,7 +56,7 @@ NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
 
 @dataclass(frozen=True, repr=False)
 class Reproduction(ResultBase):
-    """One figure with all that was computed for it.
+    """One figure with its computed points.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Reproduction(ResultBase):
     wall_seconds: float
 
     def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Any]]:
-        """(panel, curve, method, value, outcome) of every point."""
+        """Yield (panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
                 for method, points in line.items():

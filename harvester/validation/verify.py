@@ -135,12 +135,12 @@ class Verification(ResultBase):
 
     @property
     def failed(self) -> list[TruthRow]:
-        """Rows that disagree; a measured device that is missed is no fault of the program."""
+        """Rows that disagree, except measured devices."""
         return [row for row in self.rows if row.verdict == FAILS]
 
     @property
     def exact(self) -> list[TruthRow]:
-        """Rows of truths that were derived or computed, not measured."""
+        """Rows whose truth was derived or computed, not measured."""
         return [row for row in self.rows if not row.truth.device]
 
     @property
@@ -156,7 +156,7 @@ class Verification(ResultBase):
         return header, [row.cells() for row in self.rows]
 
     def _findings(self) -> list[str]:
-        """How many rows hold, and everything about those that do not."""
+        """Number of rows that hold, and details of the others."""
         lines = self._exact_sentences()
         if self.measured:
             within = sum(row.verdict == HOLDS for row in self.measured)

@@ -147,7 +147,7 @@ class Beam(Table):
 
     @property
     def fatigue_line(self) -> tuple[float, float, float] | None:
-        """Strain, cycles and exponent of Basquin's line, where it is given."""
+        """Strain, cycles and exponent of Basquin's line, if given."""
         strain, cycles, exponent = (getattr(self, name) for name in FATIGUE)
         return None if strain is None else (strain, cycles, exponent)
 
