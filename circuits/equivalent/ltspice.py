@@ -1,4 +1,4 @@
-"""ngspice's netlists in LTspice's words."""
+"""ngspice's netlists in LTspice's syntax."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _card(card):
 
 
 def translate(expression: str, behavioural: bool = False) -> str:
-    """An expression of ngspice in LTspice's words.
+    """An expression of ngspice in LTspice's syntax.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ MOST_BESIDE = 8
 
 
 class Shape(NamedTuple):
-    """All that the code of a circuit depends on; tuples, so that equal shapes share their code.
+    """Structure of a circuit that determines its code; equal shapes share their code.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Code(namedtuple("Code", "factor predict begin again iterate finish conclud
 
 
 def code_of(tables: Tables, order: Order) -> Code:
-    """The code of a circuit, made where no circuit of its shape has been met."""
+    """The code of a circuit, compiled once per shape."""
     return _compiled(
         Shape(
             _tuples(tables.entries),
@@ -128,7 +128,7 @@ def _factor(e: Emitter, shape: Shape) -> None:
 
 
 def _predict(e: Emitter, shape: Shape) -> None:
-    """Write `predict`: where Newton's iterations begin, on the line through two accepted points."""
+    """Write `predict`: first guesses of Newton's iterations, by linear extrapolation."""
     at = shape.layout
     for group in _groups(shape):
         v = e.load(at.voltages + group.first, count=group.width)
@@ -219,7 +219,7 @@ def _onto(shape, right, row, value):
 
 
 def _add_junctions(e, shape, matrix, right):
-    """The junctions' slopes and currents; their groups, laws, old voltages and the step's first."""
+    """Add the junctions' slopes and currents; return groups, laws, old and first voltages."""
     at, position, laws = shape.layout, _positions(shape), []
     y = [e.load(at.y + i) for i in range(len(shape.rows))]
     for group in _groups(shape):

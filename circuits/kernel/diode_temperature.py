@@ -1,4 +1,4 @@
-"""A diode's numbers at its temperature, by the laws that ngspice's own model takes."""
+"""A diode's numbers at its temperature, by the laws of ngspice's model."""
 
 from __future__ import annotations
 

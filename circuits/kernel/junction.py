@@ -47,7 +47,7 @@ MOST_SWINGS = 300.0
 
 
 class Traits(NamedTuple):
-    """Which of its terms a junction has; the others leave nothing in the code."""
+    """Terms that a junction has; code for the others is omitted."""
 
     resistance: bool
     breakdown: bool

@@ -49,7 +49,7 @@ def order_of(tables: Tables) -> Order:
 
 
 def _trials(tables):
-    """Where the matrix may not be zero, and equilibrated matrices of several states."""
+    """Nonzero pattern of the matrix, and equilibrated matrices of several states."""
     n = tables.steady.size
     random = np.random.default_rng(1)
     pattern = np.zeros((n + 1, n + 1), dtype=bool)

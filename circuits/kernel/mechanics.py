@@ -52,7 +52,7 @@ class Device(NamedTuple):
 
 
 def device_of(s: System) -> Device:
-    """The device whose functions the solver calls; compiled where they are not."""
+    """The device whose functions the solver calls; they are compiled at first use."""
     kind, addresses = types.CPointer(numba.typeof(s)), list[int]()
     for function in _FUNCTIONS:
         floats = (types.float64,) * (function.py_func.__code__.co_argcount - 1)

@@ -204,7 +204,7 @@ def advance(
 
 @merged
 def _until_corner(tables, time, step):
-    """Time until the next corner of a source; one that is nearer than rounding is past."""
+    """Time until the next corner of a source; corners within rounding are ignored."""
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     corner = np.inf
     for k in range(tables.sources.shape[0]):
@@ -323,7 +323,7 @@ def _turn(tables, state, step):
 
 @merged
 def _chattering(tables, state, time, step):
-    """The behavioural source that jumps to and fro at every few of far too short steps, or −1."""
+    """The behavioural source that toggles within every few far too short steps, or −1."""
     scalars, jumps = state.scalars[0], state.jumps
     worst = 0
     for k in range(jumps.shape[0]):
@@ -463,7 +463,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
 
 @compiled
 def _leaves(low, high, x, v, x1, v1, h):
-    """Into which neighbouring zone a step leads (−1, 0, 1), and after which share of its length."""
+    """Neighbouring zone into which a step leads (−1, 0, 1), and the share of the step until then."""
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1

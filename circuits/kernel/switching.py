@@ -1,4 +1,4 @@
-"""Switches with hysteresis: when one turns within a step, and how well its control is known."""
+"""Switches with hysteresis: switching times within a step, and errors of their controls."""
 
 from __future__ import annotations
 

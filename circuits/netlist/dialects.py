@@ -1,4 +1,4 @@
-"""Expressions of LTspice and PSpice in ngspice's words, and which files may be theirs."""
+"""Expressions of LTspice and PSpice in ngspice's syntax, and detection of their files."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _size(base, exponent):
 
 
 def in_ngspices_words(text: str, dialect: str) -> str:
-    """An expression of a file of this dialect as ngspice is to read it.
+    """An expression of a file of this dialect in ngspice's syntax.
 
     Raises
     ------

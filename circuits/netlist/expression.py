@@ -365,7 +365,7 @@ def is_constant(tree: Tree) -> bool:
 
 
 def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
-    """Refuse an expression with names or functions that mean nothing, or calls that do not fit.
+    """Raise for an expression with undefined names or functions, or wrong calls.
 
     Parameters
     ----------
@@ -420,7 +420,7 @@ def _unknown(name):
 
 
 class Names(NamedTuple):
-    """How the names and functions of an expression are looked up.
+    """Look-up of an expression's names and functions.
 
     Attributes
     ----------

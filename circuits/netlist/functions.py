@@ -163,7 +163,7 @@ def _elementary(code, a):
 
 
 def _of_a_range(code, a):
-    """Functions that have no value everywhere."""
+    """Value of a function with a limited domain."""
     if code == LOGARITHM and a >= 0.0:
         return np.log(max(a, 1e-99))
     if code == ROOT and a >= -ROUNDING:

@@ -230,7 +230,7 @@ def _currents(topology, gone):
 
 
 def _check_functions(topology, functions):
-    """Refuse a rewritten function that a sub-circuit calls: there its nodes are that one's."""
+    """Raise if a sub-circuit calls a rewritten function: its nodes have other names there."""
     for name, part in _within(topology):
         for function in functions:
             if re.search(rf"(?i)\b{re.escape(function)}\s*\(", part.value):

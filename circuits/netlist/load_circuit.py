@@ -88,7 +88,7 @@ class LoadCircuit:
 
     @cached_property
     def self_oscillation(self) -> SelfOscillation:
-        """How it behaves with the device at rest: `circuits.netlist.self_oscillation`."""
+        """Behaviour with the device at rest, see `circuits.netlist.self_oscillation`."""
         return self_oscillation(self.elements)
 
     @cached_property

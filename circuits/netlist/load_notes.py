@@ -24,7 +24,7 @@ LONG = 60.0
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """Notes on values that the reader may have understood otherwise than their writer."""
+    """Notes on ambiguous values."""
     notes = [
         f"{element.place} is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"

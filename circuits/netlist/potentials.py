@@ -1,4 +1,4 @@
-"""Voltages that a load's sources set by themselves: exactly, at any time, and at the start."""
+"""Voltages that a load's sources determine alone: at any time, and at the start."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
 
 @contextlib.contextmanager
 def _named(place):
-    """Whatever the system says about a file becomes a NetlistError that names it."""
+    """Turn the system's errors about a file into a NetlistError that names it."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
@@ -72,7 +72,7 @@ def _named(place):
 
 
 def read_text(path: Path) -> str:
-    """Contents of a netlist file in whatever encoding such files come.
+    """Contents of a netlist file in any usual encoding.
 
     Raises
     ------

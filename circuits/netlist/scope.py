@@ -1,4 +1,4 @@
-"""Resolves names in each call of a sub-circuit, by ngspice's rules.
+"""Resolution of names in each call of a sub-circuit, by ngspice's rules.
 
 A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
 value given in the call goes before a .param of the sub-circuit, that before the default of its

@@ -166,7 +166,7 @@ def _noise(state, copy, time):
 
 @compiled
 def _fast(state, h):
-    """Share by which the motion's clock, made for a step of the grid, is fast in one of h."""
+    """Relative error of the pre-warping, computed for a step of the grid, at a step of h."""
     if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_sample:
         return 0.0
     return 1.0 - _pace_of(state.line * h) / state.pace
@@ -348,7 +348,7 @@ def _shortest(state, s, ahead, step):
 
 @inlined
 def _planned(state, time, remaining, step):
-    """Time to where the load's own plan wants a step to end, and the longest that it allows.
+    """Time until the next planned end of a step by the load, and the longest step it allows.
 
     After a jump steps double from its width on, as after a switch's turn.
     """

@@ -30,7 +30,7 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def cache_folder() -> Path:
-    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache.
+    """Cache folder of compiled devices: `harvester` below XDG_CACHE_HOME or ~/.cache.
 
     A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
     """

@@ -1,4 +1,4 @@
-"""Where the ngspice library and its code models are found, and how it starts without more."""
+"""Location of the ngspice library and its code models; start without initialisation files."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def code_models(library: str) -> list[Path]:
 
 @contextlib.contextmanager
 def no_initialisation_files() -> Iterator[None]:
-    """ngspice finds none of its initialisation files while it starts within the block.
+    """Hide ngspice's initialisation files while it starts within the block.
 
     It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
     and at home, and reads the first of these. Home follows from the system's list of users, not

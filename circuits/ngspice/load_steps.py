@@ -56,7 +56,7 @@ def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, fl
 
 @uncounted
 def limits_of_turn(limits: Any, turn: float) -> tuple[float, float, float]:
-    """The limits where switches turn by themselves and their controls follow in this time (s)."""
+    """Limits for endlessly toggling switches whose controls follow within this time (s)."""
     shortest, least_located, restart = limits
     steps = TURN_STEPS[0] * turn, TURN_STEPS[1] * turn, TURN_STEPS[2] * turn
     return min(shortest, steps[0]), min(least_located, steps[1]), min(restart, steps[2])

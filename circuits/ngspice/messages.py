@@ -53,7 +53,7 @@ NAMED = 2
 
 
 def refusal(lines: list[Any]) -> str:
-    """Why ngspice took no netlist, in one line; empty where it took it.
+    """Reason why ngspice rejected a netlist, in one line; empty if it did not.
 
     Parameters
     ----------

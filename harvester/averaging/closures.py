@@ -1,4 +1,4 @@
-"""Stationary means by three closures: two of quasi-conservative averaging, one without."""
+"""Stationary means by three closures: two average over orbits, one does not."""
 
 from collections.abc import Callable
 from functools import partial

@@ -122,7 +122,7 @@ class OrbitDensity:
         )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """A density as a table (points, values), as far out as it matters and finer where orbits
+        """Table of a density (points, values), over its relevant range and finer where orbits
         crowd.
         """
         turning = self._turning(name)
@@ -133,7 +133,7 @@ class OrbitDensity:
         return np.append(-half[mirrored], half), np.append(values[mirrored], values)
 
     def _turning(self, name):
-        """Turning points (or greatest speeds) of the orbits that matter: with them in the table no
+        """Turning points (or greatest speeds) of the relevant orbits: with them in the table no
         well is missed, however narrow.
         """
         least = NEGLIGIBLE + max(layer.logarithm.max() for layer in self.layers)

@@ -1,4 +1,4 @@
-"""The flow of a grid's nodes in one step with Z and η fixed, and the sharing of their mass among
+"""Flow of a grid's nodes in one step with Z and η fixed, and distribution of their mass among
 nodes.
 
 The paths are integrated by the method of Dormand and Prince of order five, each with its own
@@ -60,7 +60,7 @@ class PhaseGrid(NamedTuple):
 
     @property
     def kept(self) -> np.ndarray:
-        """Nodes of Z that are kept."""
+        """Stored nodes of Z."""
         return self.z[len(self.z) // 2 :] if self.mirrored else self.z
 
     @property

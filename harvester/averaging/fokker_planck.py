@@ -113,7 +113,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
 
 def outline(device: System) -> GridDensity:
-    """Densities on the coarse grid that finds where they are: in tenths of a second.
+    """Densities on the first coarse grid, within tenths of a second.
 
     It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
     refuses the same devices.
@@ -254,7 +254,7 @@ def _refine(grids, respect, known=None):
 
 
 def _found(task):
-    """Where the density is, and that density on a coarse grid.
+    """Region of the density, and the density on a coarse grid.
 
     If hardly any motion leaves the wells, the grid covers one of them, which represents all.
     """

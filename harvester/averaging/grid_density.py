@@ -51,7 +51,7 @@ class GridDensity:
 
     @cached_property
     def _voltage(self):
-        """The density of the voltage. It takes as long as all others: last grid only."""
+        """Density of the voltage, on the last grid only, since it takes as long as all others."""
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
@@ -110,7 +110,7 @@ class GridDensity:
         return np.linspace(low, high, count or 1 + round((high - low) / apart))
 
     def _either_side(self, spline, *places):
-        """A density, of two wells alike half on either side; 0 beyond the nodes."""
+        """A density; two symmetric wells get half each; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
         places = np.broadcast_arrays(*(np.asarray(axis, dtype=float) for axis in places))
         total = np.zeros(places[0].shape)

@@ -95,7 +95,7 @@ class Inverse:
         return state
 
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
-        """x whose residual for this right-hand side is within the limit.
+        """Solve for x until the residual for this right-hand side is within the limit.
 
         Raises AveragingError: the iteration did not converge, or the norm of `rest` is not less
         than `below`.

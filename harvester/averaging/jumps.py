@@ -38,7 +38,7 @@ PARTS_OF_NODE = 5
 
 
 class _Found:
-    """Results on one grid, with the work that is left for them.
+    """Results on one grid, with the remaining budget of work.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class _Found:
         self.inverses: dict[float, Inverse] = {}
 
     def take(self) -> None:
-        """Subtract one period from the work that is left; refuse if none is left."""
+        """Subtract one period from the remaining work; raise if none remains."""
         self.left -= self.solution.cost
         if self.left < 0.0:
             raise AveragingError("rates of jumps take too many steps")
@@ -65,7 +65,7 @@ class _Found:
 
 
 class _SlowestDecay(_Found):
-    """The state that decays the slowest, after the stationary one, and its rate."""
+    """The slowest decaying state after the stationary one, and its rate."""
 
     state: np.ndarray
 
@@ -94,7 +94,7 @@ class _SlowestDecay(_Found):
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
-        """Correct the state; returns the share of it that a period changes, apart from its decay.
+        """Correct the state; return the share of it that a period changes, apart from its decay.
 
         As a change of the eigenvalue acts on the state from which it began, and not on the one that
         is sought, the error of a poor state may not decay as expected.
@@ -127,7 +127,7 @@ class _SlowestDecay(_Found):
         return float(np.sum(self._signs * state[:, :, 0]))
 
     def _by_arnoldi(self, propagator):
-        """The slowest decay by Arnoldi's method. One that oscillates has no rate and is refused."""
+        """The slowest decay by Arnoldi's method; raises if it oscillates."""
         shape = self.solution.grid.shape
         start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
         operator = LinearOperator(
@@ -259,7 +259,7 @@ def _named(device, jumps):
 
 
 def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
-    """How much of the surroundings of each node lies in each core: (wells, X, X')."""
+    """Share of each node's surroundings in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
     within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5
     x = grid.x[:, None] + within * (grid.x[1] - grid.x[0])

@@ -1,4 +1,4 @@
-"""`average`: a scene by one of the closures, as a result like any engine's."""
+"""`average`: a closure's result for a scene, in the form of an engine's result."""
 
 from __future__ import annotations
 

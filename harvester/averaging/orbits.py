@@ -98,7 +98,7 @@ class Edge:
         return _root_of_convex(lambda x: self.slope(x, added), curvature, rest_position)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
-        """The inner end of a well: its saddle; without one, where the restoring force is weakest.
+        """Inner end of a well: its saddle or, without one, the point of weakest restoring force.
 
         Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. If N2 X* is so large that there is no such
         root, the clipped formula gives the point of zero curvature. A far stopper ends the well as
@@ -335,7 +335,7 @@ def _quarter_turn(nodes):
 
 
 def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> np.ndarray:
-    """Root of a function that is convex and rising from there to x, by Newton's method."""
+    """Root below x of a convex, rising function, by Newton's method."""
     converged = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)

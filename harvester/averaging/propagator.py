@@ -104,7 +104,7 @@ def mirrored(state: np.ndarray) -> np.ndarray:
 
 
 def whole(state: np.ndarray, grid: PhaseGrid, parity: float = 1.0) -> np.ndarray:
-    """The state at all nodes of Z, also those that are not kept."""
+    """The state at all nodes of Z, including those that are not stored."""
     if not grid.mirrored:
         return state
     return np.concatenate([parity * mirrored(state), state], axis=1)

@@ -93,7 +93,7 @@ class Level(NamedTuple):
     tolerance: float = 0.2
 
     def more(self, respect: str) -> Level:
-        """The next finer one: of more "steps", more "nodes" of X and X', or of Z for "charges".
+        """The next finer level: more "steps", more "nodes" of X and X', or of Z for "charges".
 
         Slightly finer in space too if there are more steps, since each step redistributes mass.
         """
@@ -177,12 +177,12 @@ class Region(NamedTuple):
         return region._replace(left=min(region.left, left), right=max(region.right, right))
 
     def leaves_well(self, device: System) -> bool:
-        """Whether a range that is to hold one well alone goes beyond the saddle."""
+        """Whether a range that should hold one well extends beyond the saddle."""
         tops = timescales.beside(device, self.well) if self.well is not None else ()
         return any(self.left < top < self.right for top in tops)
 
     def alike(self, other: Region) -> bool:
-        """Whether another one is about as wide and needs about as many nodes."""
+        """Whether another region has about the same width and needs about as many nodes."""
         low, high = SAME_REGION_RATIOS
         ratios = (
             self.speed / other.speed,
@@ -201,7 +201,7 @@ class Region(NamedTuple):
         mean: float,
         well: float | None,
     ) -> Region:
-        """The range in X that motion of this greatest speed has."""
+        """Range in X of a motion with this greatest speed."""
         wells = timescales.wells(device) if well is None else (well,)
         deepest = min(float(potential(device, x)) for x in wells)
         for saddle in timescales.saddles(device) if well is None else ():
@@ -215,7 +215,7 @@ class Region(NamedTuple):
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def grid(self, device: System, level: Level, step: float) -> PhaseGrid:
-        """The nodes of a level. Where half of them mirror the others, only that half."""
+        """The nodes of a level; of a symmetric device one half alone."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
@@ -289,7 +289,7 @@ def _following(device, half):
 
 
 def _turning(device, start, side, energy):
-    """Where motion of this energy turns on one side of a well, its charge kept there."""
+    """Turning point of a motion with this energy on one side of a well, at constant charge."""
     coupling = getattr(device.transducer, "coupling", 0.0)
 
     def spare(away):

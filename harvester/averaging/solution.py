@@ -132,7 +132,7 @@ class Solution:
         return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
-        """The stationary state, from one that is near it; a period changes so small a share."""
+        """The stationary state, from one near it; a period changes at most this share of it."""
         # The first period on a new grid removes the error of interpolation between grids.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
@@ -149,7 +149,7 @@ class Solution:
         return state / state[:, :, 0].sum()
 
     def _later(self, state):
-        """The state a period later."""
+        """Return the state one period later."""
         self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
 

@@ -1,4 +1,4 @@
-"""Density of X − Z, and so of the voltage, from a state known at a few nodes of Z.
+"""Density of X − Z, and so of the voltage, from a state at a few nodes of Z.
 
 The nodes give moments of Z. Where these and X' determine the density, as for a fast load, Z has a
 normal density at each X and X'. Else, as of a slow load whose charge may be that of a well that

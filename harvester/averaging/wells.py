@@ -51,7 +51,7 @@ def well_at(device: System, x: np.ndarray) -> np.ndarray:
 
 
 def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
-    """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
+    """Displacements in each well; of two symmetric wells in either: (wells, X) of 0 and 1."""
     number = well_at(device, grid.x)
     if grid.mirrored:
         number = np.minimum(number, number[::-1])
@@ -59,7 +59,7 @@ def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
 
 
 def lone_well(device: System) -> float | None:
-    """The well that may hold all motion, or one of two alike; None where several share it."""
+    """The well that holds all motion, or one of two symmetric ones; None if several share it."""
     wells = timescales.wells(device)
     if len(wells) < 2:
         return None

@@ -308,7 +308,7 @@ def _wanderers(samples, members):
 
 
 def _united(filled, groups):
-    """Groups, after those whose cells mostly belong to another group are joined to it."""
+    """Groups, merged if the cells of one mostly belong to another."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
     separate: list[int] = []
     for k in order:
@@ -345,7 +345,7 @@ def _wandering(samples, members, places):
 
 @dataclass(frozen=True)
 class Divergence:
-    """The largest Lyapunov exponent (1/s) and its error, from how fast neighbours part."""
+    """Largest Lyapunov exponent (1/s) and its error, from the divergence of neighbours."""
 
     exponent: float
     standard_error: float

@@ -307,7 +307,7 @@ def ratio_estimate(
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
-    """How many independent samples with this mean and mean square would give it this error.
+    """Number of independent samples with this mean and mean square that would give this error.
 
     None for a constant: its variance is rounding.
     """
@@ -317,5 +317,5 @@ def independent_samples(mean: float, mean_square: float, error: float | None) ->
 
 
 def independent_events(rate: float, error: float | None) -> float | None:
-    """How many events at random times would give a rate this error."""
+    """Number of independent events that would give a rate this error."""
     return (rate / error) ** 2 if error else None

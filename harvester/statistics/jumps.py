@@ -18,7 +18,7 @@ TABULATED = 2049
 
 @dataclass
 class Jumps:
-    """Where one realization was, and how often it jumped; see `harvester.device.cores`.
+    """Time in wells, and number of jumps, of one realization; see `harvester.device.cores`.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Jumps:
 
     @classmethod
     def empty(cls, system: System, start: float, batch_length: float, batches: int) -> Jumps:
-        """Nothing counted yet of a device with several wells."""
+        """Empty counts for a device with several wells."""
         ends, wells = cores_within(system), len(timescales.wells(system))
         return cls(
             start=start,
@@ -71,7 +71,7 @@ class Jumps:
 
     @classmethod
     def between_no_wells(cls, batches: int) -> Jumps:
-        """The jumps of a device with one well, which has none."""
+        """Empty counts for a device with one well."""
         nothing = np.zeros(0)
         ends, times = (0.0, 0.0), np.zeros((batches + 1, 0))
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])

@@ -132,7 +132,7 @@ class Moments:
         groups: int,
         sample_interval: float,
     ) -> Moments:
-        """Nothing accumulated yet, for the time from `start` to `stop` (s).
+        """Empty moments for the time from `start` to `stop` (s).
 
         `shares`: whether to store the time in each well.
         """

@@ -85,7 +85,7 @@ class OutputMoments:
     def beside(
         cls, moments: Any, rows: tuple[tuple[str, str], ...] = (), has_output: bool = True
     ) -> OutputMoments:
-        """Nothing accumulated yet, in the batches of these `Moments`."""
+        """Empty moments in the batches of these `Moments`."""
         batches = len(moments.integrals)
         return cls(
             moments.start,
@@ -168,7 +168,7 @@ class OutputMoments:
 
 @compiled
 def _add_passages(time, voltage, levels, reached, passages):
-    """Enter when the voltage's size first reached each level from the given one on."""
+    """Record when |voltage| first reached each level, from the given one on."""
     for i in range(time.size):
         while reached < levels.size and abs(voltage[i]) >= levels[reached]:
             passages[reached] = time[i]

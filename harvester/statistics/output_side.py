@@ -331,7 +331,7 @@ def _ripple(moments, output, time, error_of):
 
 
 def _start_up(times, moments, final):
-    """When the output started, with a note if it has not by the end of the run."""
+    """Start-up time of the output, with a note if it has not started by the end of the run."""
     # An output that starts within a knot of the excitation is not started by harvested energy.
     knot = moments[0].sample_interval / KNOTS_PER_HISTOGRAM_SAMPLE
     if all(time <= knot for time in times):

@@ -19,7 +19,7 @@ PINS = ("p", "n", "base", "x")
 
 
 def subcircuit(name: str, parameters: Parameters) -> str:
-    """The sub-circuit in ngspice's words."""
+    """The sub-circuit in ngspice's syntax."""
     body = [
         "* It starts from start_displacement, start_velocity and start_state: use uic.",
         *_mechanics(parameters),

@@ -136,7 +136,7 @@ def _mechanics(pen, circuit, name, electrical):
 
 
 def _groups(circuit, electrical):
-    """Elements without an electrical node, those that wires join, in the netlist's order."""
+    """Groups of connected elements without an electrical node, in the netlist's order."""
     groups: list[tuple[set, list]] = []
     for part in circuit.parts:
         nodes = set(part.nodes) - {GROUND}
@@ -151,7 +151,7 @@ def _groups(circuit, electrical):
 
 
 def _electronics(pen, circuit, left, transducer, electrical):
-    """Transducer and ammeter; returns the load's call, the point that it hangs on, the rest."""
+    """Transducer and ammeter; return the load's call, its connection point, and the rest."""
     pen.text((left, 1.3), "electrical side", TITLE_SIZE)
     parts = [part for part in circuit.parts if set(part.nodes) & electrical]
     call = next(part for part in parts if part.letter == "x")

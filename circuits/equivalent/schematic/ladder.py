@@ -1,4 +1,4 @@
-"""Where the elements of a schematic are placed.
+"""Layout of a schematic's elements.
 
 Every node of the circuit is drawn as a horizontal line, a rail, and every element as a vertical
 column that connects two rails, as the rungs of a ladder that lies on its side. Elements in series,
