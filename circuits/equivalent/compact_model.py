@@ -154,7 +154,7 @@ def mechanics(
     x, u : str
         Names of X and X'/rate.
     **own
-        Of `harvester.device.contact.formulas`.
+        Options of `harvester.device.contact.formulas`.
     """
 
     def over_square(key, value, meaning):

@@ -108,7 +108,7 @@ def for_ltspice(
     Raises
     ------
     NetlistError
-        As `stand_alone`; or an expression that LTspice has no words for.
+        See `stand_alone`; or an expression without an equivalent in LTspice.
     """
     netlist, scales, points = _assembled(ready, path, start, step)
     scene, text = ready.scene, netlist.text

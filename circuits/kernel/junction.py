@@ -86,7 +86,7 @@ def table_row(
     area : float
         Area of its junction, in units of the model's.
     many : float
-        How many of them lie side by side.
+        Number of equal junctions in parallel.
     celsius : float
         Temperature of the junction (°C).
     """
@@ -154,7 +154,7 @@ class Law:
     place, stride : int
         Address of the first one's numbers in the memory, and from there to its next column.
     count : int
-        How many there are.
+        Number of junctions.
     has : Traits
     """
 

@@ -1,6 +1,6 @@
 """A device's mechanics as functions called by address: a load's solver is compiled once for all.
 
-Of each sort of spring, damper and contacts only these few functions are compiled; with the solver
+For each sort of spring, damper and contacts only these few functions are compiled; with the solver
 around them it would take ten times as long.
 """
 

@@ -463,7 +463,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
 
 @compiled
 def _leaves(low, high, x, v, x1, v1, h):
-    """Neighbouring zone into which a step leads (−1, 0, 1), and the share of the step until then."""
+    """Neighbouring zone that a step enters (−1, 0, 1), and the share of the step until then."""
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1

@@ -527,7 +527,7 @@ def written(
     ----------
     tree : tuple
     node, source : callable
-        How a node and a source are spelt.
+        Functions that spell a node and a source.
     dialect : str
         "ngspice" or "ltspice".
     """

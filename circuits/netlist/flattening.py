@@ -232,7 +232,7 @@ def _only(line, before, words):
 
 
 def _count_numbers(words):
-    """How many of these are values, up to the first word that is no value."""
+    """Number of values before the first word that is no value."""
     keywords = ("dc", "ac", "am", "sine", *WAVEFORMS)
     others = (word in keywords or (word[0] != "{" and "=" in word) for word in words)
     return next((count for count, other in enumerate(others) if other), len(words))

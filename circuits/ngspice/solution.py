@@ -27,7 +27,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
     Yields
     ------
     tuple of str
-        In the order of `circuits.ngspice.callbacks`; missing ones are no vectors.
+        Vectors in the order of `circuits.ngspice.callbacks`; missing ones are left out.
     """
     columns = (
         elements.DISPLACEMENT,

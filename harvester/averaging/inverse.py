@@ -46,7 +46,7 @@ class Inverse:
     later
         Linear map of states on it.
     coarser
-        The same on a coarser grid.
+        `Inverse` on a coarser grid.
     balanced
         Removes the error that arises as a residual moves from a finer grid to this one.
     cleared

@@ -216,7 +216,7 @@ class _Jumps(_Found):
 def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
     """Rate at which the last memory of the well, or of the charge it left, decays (1/s), by grid.
 
-    Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
+    For two wells that exchange mass at the rates k12 and k21, slower than all other decays, it is
     k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
     """
     decays = _on_each(solutions, _SlowestDecay)

@@ -81,7 +81,7 @@ class Level(NamedTuple):
     most
         Largest number of cores that the nodes resolve separately.
     tolerance
-        Of the means, for which its state is settled.
+        Tolerance of the means; the state is settled to a share of it.
     """
 
     steps: float
@@ -254,7 +254,7 @@ class Region(NamedTuple):
         nodes = 2 * nodes if mirrored else nodes + NODES_WITHOUT_MIRROR
         far = max(self.right - centre, centre - self.left)
         moved = -np.expm1(-device.transducer.decay_rate() * step)
-        # As a share of the reach: up to there Chebyshev polynomials of this degree stay below the
+        # Share of the reach beyond the last node, up to which Chebyshev polynomials stay below the
         # weight.
         beyond = np.cosh(np.arccosh(LARGEST_WEIGHT) / nodes) - 1.0
         reach = max(reach, far * moved / (moved + beyond))

@@ -1,6 +1,6 @@
 """Rate of saddle crossings, shares of time in the wells, and the well that holds nearly all motion.
 
-Where jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
+If jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
 grid gives them, and none is needed: of two wells alike each holds half, and of others the one that
 motion leaves the least often holds all.
 """

@@ -1,4 +1,4 @@
-"""How functions are compiled here. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
+"""Compilation of functions. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
 
 ============  =====================================  ==========================================
 decorator     for                                    why

@@ -255,7 +255,8 @@ class RunnerOptions(TypedDict, total=False):
     time_limit : float
         Wall-clock limit of one realization (s).
     progress : callable or False or None
-        Given the share done, 0 … 1, and a few words. None shows a bar in a notebook, False none.
+        Called with the finished share, 0 … 1, and a few words. None shows a bar in a notebook,
+        False none.
     runner : Runner or None
     """
 

@@ -94,7 +94,7 @@ class WorkerPool:
         calls : sequence of dict
             Arguments by name.
         on_progress : callable or None
-            Given (index, report).
+            Called with (index, report).
         keep_going : bool
             Make a call whose process crashed or ran out of time once more, and return a
             SimulationError that stays instead of its result. Without it the first error ends the

@@ -40,7 +40,7 @@ def netlist(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int
-        Whose noise path.
+        Number of the realization with the noise path.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def export(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int or None
-        Whose noise path (default: 0).
+        Number of the realization with the noise path (default: 0).
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None

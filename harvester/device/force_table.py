@@ -159,7 +159,7 @@ class ForceTable(NamedTuple):
         return {0, first, int(np.searchsorted(breaks, below[-1], side="right")), breaks.size}
 
     def _levels(self, value, polynomial, some=None):
-        """Where a function made of one polynomial on each piece is zero, on all or some pieces."""
+        """Zeros of a function with one polynomial per piece, on all or some pieces."""
         breaks = self.breaks()
         ends = [-math.inf, *breaks, math.inf]
         least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)

@@ -45,7 +45,7 @@ class Key:
         float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict for a
         table with a `kind`.
     element, count
-        Of a list: meaning of a value, and the smallest and largest number of values.
+        For a list: meaning of a value, and the smallest and largest number of values.
     likely
         Usual sizes of a part, with the unit that is often mistaken for the key's: its
         factor and name.

@@ -18,7 +18,7 @@ from harvester.device.dispatch import Values
 class Polynomial(NamedTuple):
     """A polynomial restoring force, its even and odd powers apart.
 
-    Where a device has only odd powers the even ones are an empty tuple and cost nothing.
+    If a device has only odd powers, the even ones are an empty tuple and cost nothing.
     See `harvester.device.spring` for the equations.
 
     Attributes

@@ -27,7 +27,7 @@ class Setting(NamedTuple):
     mass, length
         kg and m per scaled length; 1 in scaled scenes.
     resistance
-        Of a load that is a resistor (Ω); None for others, taken as an open circuit.
+        Resistance (Ω) of a load that is a resistor; None for others, treated as an open circuit.
     decay_rate
         λ of a scaled scene's built-in resistor (1/s), else None.
     name

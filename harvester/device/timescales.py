@@ -1,4 +1,4 @@
-"""Where a device rests and how fast it moves: wells, saddles, frequencies, relaxation, contacts.
+"""Rest positions and time scales of a device: wells, frequencies, relaxation, contacts.
 
 Functions of a `System`, in its scaled units; each answer is kept, a system being immutable.
 """
@@ -100,7 +100,7 @@ def _double_well(system):
 
 
 def _pressed(system, gap):
-    """Where spring and stopper balance beyond the gap."""
+    """Displacement beyond the gap at which spring and stopper balance."""
     far, step = gap, 0.1 * gap
     while elastic_force(system, far) <= 0.0:
         far += step

@@ -111,7 +111,7 @@ def follow(
     Returns
     -------
     ndarray, shape (starts, kept + 1, columns)
-        With the columns of `harvester.statistics.stroboscope`; infinite where a start leaves the
+        Columns as in `harvester.statistics.stroboscope`; infinite where a start leaves the
         range of the spring, −infinite where it diverges.
     """
     period = float(scene.excitation.period)  # type: ignore[arg-type]

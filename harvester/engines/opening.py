@@ -52,7 +52,7 @@ def open_runner(
     time_limit : float
         Wall-clock seconds of one realization.
     progress : callable or False or None
-        Given the share done, 0 … 1, and a few words.
+        Called with the finished share, 0 … 1, and a few words.
     runner : Runner or None
         A runner that is open already; all other options must then be left out.
 

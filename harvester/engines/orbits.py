@@ -161,7 +161,7 @@ class Followed(NamedTuple):
     prepared_scene
         The scene of the realizations that are left.
     moments
-        Of the starts on the followed orbit; all under noise.
+        Moments of the starts on the followed orbit; under noise of all.
     orbits
         All orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str

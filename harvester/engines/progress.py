@@ -1,4 +1,4 @@
-"""How far a list of tasks is, by the time that tasks of each label have taken so far."""
+"""Progress of a list of tasks, from the times of finished tasks by label."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable

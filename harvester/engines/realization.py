@@ -199,7 +199,7 @@ def run(
     window : (float, float) or None
         Stretch of each one's waveform to keep (s).
     report : callable
-        Given the list of moments so far.
+        Called with the list of moments so far.
     joint_density, stroboscope : bool
         See `harvester.simulate`.
     """
@@ -494,7 +494,7 @@ def _period(scene):
 
 
 def _measured(prepared_scene, spacing):
-    """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
+    """Start of the measured time (s), and numbers of batches and groups, in whole periods."""
     run, period = prepared_scene.scene.run, _period(prepared_scene.scene)
     one_path = period is None and not prepared_scene.scene.excitation.random
     batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)

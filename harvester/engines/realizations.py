@@ -119,7 +119,7 @@ class Realizations:
     size
         Of a task.
     version
-        Of the program that computes, see `Runner.version`.
+        Version of the computing program, see `Runner.version`.
     density, waveform
         Whether histograms, and the beginning of the first realization, are kept.
     """

@@ -126,14 +126,14 @@ class Answer:
     Attributes
     ----------
     scene
-        With the number of realizations that were run.
+        Scene with the number of realizations that were run.
     quantities
         Scaled; `standard_error` is the numerical error for a closure.
     seconds
         Processor time of one core (s).
     outcome : "complete", or the reason for an early end.
     simulated_time
-        Of all realizations (s); 0 for a closure.
+        Simulated time of all realizations (s); 0 for a closure.
     misses_jumps
         Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.
@@ -142,7 +142,7 @@ class Answer:
     orbits
         The orbits that starts reached without noise, the followed one first.
     density
-        Of the displacement.
+        Density of the displacement.
     moments
         One per realization, for paired differences.
     """
@@ -207,7 +207,7 @@ def answering(
     Returns
     -------
     generator
-        Of the Answer; the HarvesterError that its first task ended with; None where the time was
+        Plan of the Answer; the HarvesterError of its first task; None if the time was
         spent before that.
     """
     density = density or request.density

@@ -46,7 +46,7 @@ def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) 
     prepared_scene : Prepared
     engine : Engine
     simulate : callable
-        Given an engine, it returns a list of `Realization`.
+        Function of an engine that returns a list of `Realization`.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Runner:
     Attributes
     ----------
     folder
-        Where answers are kept on disk; None: in memory only.
+        Folder of stored answers; None: in memory only.
     out_of_time
         Whether something was left out because the time budget was spent.
     computed, reused
@@ -155,7 +155,7 @@ class Runner:
             are there. If a result is None the time is spent: the plan should return a partial
             result.
         on_end : callable or None
-            Given (index, returned value).
+            Called with (index, returned value).
         in_turn : bool
             Whether an earlier plan's later tasks go before a later plan's first ones: results then
             come one after another, else all plans get further a step at a time.

@@ -1,4 +1,4 @@
-"""How many realizations an engine takes side by side: in one netlist, or in Monte Carlo's loop."""
+"""Batch sizes of realizations: in one netlist, or in Monte Carlo's loop."""
 
 from __future__ import annotations
 

@@ -104,8 +104,8 @@ def simulate(
     runner : WorkerPool, an object with one as its `pool`, or None
         Running processes to use again (`harvester.base.worker_pool`).
     progress : callable or False or None
-        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
-        none.
+        Called with the finished share, 0 … 1, and the current method. None shows a bar in a
+        notebook, False none.
 
     Returns
     -------

@@ -29,7 +29,7 @@ FEWEST_FREQUENCIES = 8
 FALLING_CORNER_RATIO = 10.0
 # Deviation in dB from which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
-# The same for the share of the variance that lies apart from the fit, and for the excess kurtosis.
+# Likewise for the share of the variance that the fit misses, and for the excess kurtosis.
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
 # The parameters, each with an error, and the other keys in JSON.

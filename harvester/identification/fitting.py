@@ -1,6 +1,6 @@
 """One model fitted to records, with its intervals and its prediction of validation data.
 
-Of records in time the first part is fitted, of frequency responses and impedances two of every
+In records over time the first part is fitted, in frequency responses and impedances two of every
 three lines. Records of several kinds are fitted together: each kind is followed by its own model
 of the same numbers, and weighs by its own noise. Such a fit begins with the values that one kind
 gives alone: records in time, else responses.

@@ -225,7 +225,7 @@ class Identification(ResultBase):
         ]
 
     def _state(self, key):
-        """How far the records determine a value."""
+        """Text on how well the records determine a value."""
         if key in self.undetermined:
             return "undetermined"
         if self.verdict.word not in CLAIMING:

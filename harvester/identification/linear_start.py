@@ -1,4 +1,4 @@
-"""Where a fit begins: coefficients by linear regression on the measured motion.
+"""Initial values of a fit: coefficients by linear regression on the measured motion.
 
 The equation of motion is multiplied by smooth functions φ that vanish outside some period and
 integrated by parts, so that nothing is differentiated twice (weak form; Messenger and Bortz,

@@ -46,14 +46,14 @@ def own_values(
     Parameters
     ----------
     measurement : Measurement
-        With the keys in `own`.
+        A measurement with keys in `own`.
     likely : sequence of ndarray, shape (keys,)
-        Of the fitted keys, the best first.
+        Likely values of the fitted keys, the best first.
     reach, visited : (float, float)
         Scaled displacements between which the mass is looked for, and between which the fitted
         records were: of mirrored motions that fit about as well, the one there is taken.
     noise : ndarray, shape (outputs,)
-        By which residuals are divided.
+        Noise by which residuals are divided.
     enough : float
         A motion within what was visited that leaves no more of the first output, as a share of its
         standard deviation, is taken without a look elsewhere.

@@ -256,7 +256,7 @@ class Responses:
         Returns
         -------
         ndarray, shape (samples, outputs, draws)
-            Where a solution runs away, 0.
+            Zero after the solution has diverged.
         """
         record = self.experiments[number]
         base = record.measurement.acceleration

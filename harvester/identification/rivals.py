@@ -69,7 +69,7 @@ class Rival(NamedTuple):
     Attributes
     ----------
     name : str
-        How it differs, such as "drag"; "as given" for the scene's own.
+        Difference from the scene's model, such as "drag"; "as given" for the scene's.
     fitted : Fitted or None
         None where it was not tried.
     better : float

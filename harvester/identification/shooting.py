@@ -344,7 +344,7 @@ def weighted_residuals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residuals of windows with these starts, and each window's sum of squares.
 
-    Where a solution runs away residuals are 0, and the sum is inf.
+    After a solution has diverged, residuals are 0 and the sum is inf.
     """
     edges = fit.edges[number]
     _, _, outputs = shooting.responses.states(number, fit.values, edges, starts)

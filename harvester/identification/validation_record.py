@@ -63,7 +63,7 @@ SYSTEMATIC = 12.0
 TOO_LARGE = 1.5
 # A part below this share of an output's standard deviation is ignored.
 UNNOTICED = 2e-3
-# The same of a frequency response, whose noise is read from its residuals.
+# Likewise for a frequency response, and the largest noise that is read from its residuals.
 UNNOTICED_IN_RESPONSE, MOST_NOISE = 0.05, 0.5
 # Singular values below this share of the largest are dropped: some columns are nearly the same.
 SMALLEST_DIRECTION = 1e-8
@@ -307,7 +307,7 @@ class WholeRecord(ValidationRecord):
     rms_unit : str
         Unit of the first output; empty in a scaled scene.
     predicted_rms, predicted_power : Estimate
-        Of the run, with the values' error and that which the fitted records show.
+        Predictions of the run, with the errors of the values and of the fitted records.
     own : dict of str to Estimate
         Values estimated from this record, with the errors from its residuals and from the other
         values.

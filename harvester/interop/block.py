@@ -90,7 +90,7 @@ def block_of(
     step : str or float
         Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
     realization : int
-        Whose vibration and start.
+        Number of the realization with the vibration and start.
     displacement_unit : float
         Metres for a volt at the pin `x`.
     duration : float or None

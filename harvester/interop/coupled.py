@@ -62,7 +62,7 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
     scene : Scene, str or Path
         A scene in SI units.
     realization : int
-        Whose excitation and start.
+        Number of the realization with the excitation and start.
     load_resistance : float
         Resistor across a piezo, or in series with a coil (Ω); 0: none.
 

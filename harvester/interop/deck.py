@@ -38,7 +38,7 @@ def write_deck(
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     realization : int
-        Whose noise path.
+        Number of the realization with the noise path.
 
     Raises
     ------

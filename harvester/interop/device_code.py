@@ -171,7 +171,7 @@ def _forces(s: System, named: Any) -> str:
 
 
 def _contacts(s: System, named: Any) -> str:
-    """Where contacts begin, and a function of the force of each."""
+    """Positions at which contacts begin, and a function of the force of each."""
     pairs = list(named_contacts(s))
     cases = ""
     for k, (name, contact) in enumerate(pairs):

@@ -100,7 +100,7 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
     duration : float
         s.
     realization : int
-        Whose excitation.
+        Number of the realization with the excitation.
     """
     scene = scene.replace({"run.duration": duration})
     setup, engine, load = prepared(scene), MonteCarlo(), scene.load.circuit
@@ -200,7 +200,7 @@ def write_csv(
     duration : float or None
         s; None: the scene's.
     realization : int
-        Whose excitation.
+        Number of the realization with the excitation.
     report : callable
         Called with the expected file size before, and the loss by replay afterwards.
 
@@ -238,7 +238,7 @@ def write_shepherd(
         "ivsample": voltage and current of the scene's load. "isc_voc": the voltage of the open and
         the current of the shorted terminals, from a run each.
     scene, output, duration, realization, report
-        As `write_csv`, its errors too; and MissingLibrary.
+        See `write_csv`; raises MissingLibrary too.
     """
     if data not in DATA_TYPES:
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")

@@ -39,7 +39,7 @@ class Attractor:
     ----------
     name : A, B, … in the order of their shares, or one of `UNSTEADY`.
     period
-        Of the motion in periods of the excitation; None if it does not repeat itself.
+        Period of the motion in periods of the excitation; None if it does not repeat itself.
     periodic_drive
         Whether the excitation has a period; else motions are those that meet.
     starts, share
@@ -47,7 +47,7 @@ class Attractor:
     share_error
         Standard error of the share, if starts are drawn at random.
     quantities
-        Of a periodic motion power, voltage and displacement over whole cycles of the start
+        For a periodic motion power, voltage and displacement over whole cycles of the start
         that converged best, and the others of its starts that had settled before the measurement;
         else means of its starts alone. Empty if the motion is not steady.
     points

@@ -38,7 +38,7 @@ class Series:
     colour : str or None
         None: the next of the style's own.
     line, marker : str
-        As matplotlib has them; "" for none.
+        Style and marker as in matplotlib; "" for none.
     bars : array_like or None
         Lengths of the error bars to either side; of shape (n,), or (2, n) below and above.
     band : array_like or None, shape (n,)

@@ -49,7 +49,8 @@ class Picture:
     Attributes
     ----------
     draw : callable
-        Given the content, returns a matplotlib Figure, or None if there is nothing to draw.
+        Function of the content that returns a matplotlib Figure, or None if there is nothing to
+        draw.
     content : object
     name : str
         Part of the file's name; empty for the main figure.
@@ -132,7 +133,7 @@ class ResultBase(ABC):
     """Base of all results: printing, tables and files from their view."""
 
     if TYPE_CHECKING:
-        # Of a dataclass it is a field, which must not find a default here.
+        # In a dataclass it is a field, which must not get a default here.
         @property
         def scene(self) -> Scene | None:
             """The scene of the result; None if it has many."""

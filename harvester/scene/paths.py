@@ -1,4 +1,4 @@
-"""Where each realization starts, and the noise path that drives it: the same for every engine."""
+"""Start and noise path of each realization: the same for every engine."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def steps_per_sample(
 def step_error(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> float:
     """Share of a mean power that the steps may cost, from the methods' stability functions.
 
-    Of the linear device: the remaining shift of the resonance on its flank, where the power
+    For the linear device: the remaining shift of the resonance on its flank, where the power
     changes most, and a few times the frequency's own error for what the load does in a period, its
     switches included. Contacts add their own.
 

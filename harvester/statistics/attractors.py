@@ -58,7 +58,7 @@ class Group:
     Attributes
     ----------
     period
-        In forcing periods; None of a motion that does not repeat itself.
+        Period in forcing periods; None if the motion does not repeat itself.
     members
         Numbers of the starts, ascending.
     points
@@ -148,7 +148,7 @@ def means_of(
 ) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
-    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    For a periodic motion the means are over its last whole cycles, and the errors include the rest
     of the transient. Else both are taken over all samples; NaN if these are too few for an error.
 
     Parameters

@@ -3,7 +3,7 @@
 Batches in time, pooled over realizations, are joined in pairs until neighbours are nearly
 uncorrelated, and the remaining correlation is added to the variance (Flyvbjerg and Petersen,
 J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method).
-Where too few batches are left, there is no error bar.
+If too few batches are left, there is no error bar.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
 def _implied(memory, batches):
     """Variance of the mean relative to independent batches, and correlation of neighbours.
 
-    Of an exponential autocorrelation with this time, in batches.
+    For an exponential autocorrelation with this time, in batches.
     """
     if memory <= 0.0 or batches == 1:
         return 1.0, 0.0

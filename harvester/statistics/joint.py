@@ -22,7 +22,7 @@ class JointHistogram:
     start, interval
         Begin of the measured time, and time between samples (s).
     counts
-        By displacement (rows) and velocity (columns), shape (BINS, BINS).
+        Counts by displacement (rows) and velocity (columns), shape (BINS, BINS).
     bin_widths
         Powers of two, doubled whenever a value falls outside.
     latest

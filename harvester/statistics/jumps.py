@@ -40,7 +40,7 @@ class Jumps:
     well
         The last one reached; −1 before the first.
     time
-        Of the latest point (s).
+        Time of the latest point (s).
     """
 
     start: float

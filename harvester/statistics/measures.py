@@ -37,7 +37,7 @@ def estimate_measures(
 ) -> dict[str, Estimate]:
     """Quantities of the measures of a load with an output, scaled.
 
-    Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
+    For a loss `NAME_loss` and `NAME_loss_share`, for an output `NAME_power` and `NAME_power_share`,
     of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
     run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
     `NAME_energy`, each time that it holds. `error_of_change` is for stores.

@@ -83,7 +83,7 @@ class Moments:
     jumps
         Between wells, where there are several.
     strain
-        Of the layers, for a scene with a drawing; `StrainWatch` adds to it.
+        Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
     step
         Longest step (s), where the run chose it; None: the engine's.
     step_error

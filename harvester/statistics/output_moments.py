@@ -42,13 +42,13 @@ class OutputMoments:
         Powers, energies and conditions, scaled; levels in V and A, without rises and falls;
         shape (batches, len(rows), len(MEASURED)).
     stored
-        Of the energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
+        Energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
     first
-        When each measure was first above 0, settling included (s); nan: never, or a level.
+        Time at which each measure was first above 0, settling included (s); NaN: never, or a level.
     latest
         Values of these rows at the latest point.
     passages
-        When the voltage's size first reached each of LEVELS, as `first`; nan: never.
+        Time at which |voltage| first reached each of LEVELS, as `first`; NaN: never.
     lowest, highest
         Extremes of the voltage in the measured time.
     reference
@@ -58,7 +58,7 @@ class OutputMoments:
         Sum over the resistors across the output, scaled: power is conductance voltage². nan before
         the run's end.
     time, voltage, energy
-        Of the latest point.
+        Values at the latest point.
     has_output
         Whether the load has an output; else its levels alone are meant.
     """

@@ -97,15 +97,15 @@ class RunEstimates:
     path_error
         Share by which the steps may change the means of one deterministic path.
     residual
-        Of the energy balance, as a share of the energy put in.
+        Residual of the energy balance, as a share of the energy input.
     notes
-        On sources in the load, efficiencies above 1 and the shortfalls.
+        Notes on sources in the load, efficiencies above 1 and the shortfalls.
     moments
         Weighted by `harvester.statistics.well_balance` where wells differ.
     error
         The error of a mean from batches of these.
     balance
-        Of the jumps between wells, where these differ; else None.
+        Balance of the jumps between wells, if these differ; else None.
     """
 
     whole: dict[str, Estimate]
@@ -158,7 +158,7 @@ def run_estimates(
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
-    # Of one path, means hold for stores that remember more than a batch charged as in this run.
+    # With one path, means hold for slow stores only at their charge in this run.
     longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
     remembered = [store.memory for store in stores if store.memory <= longest]
     slow = memory + 0.5 * max(remembered, default=0.0)

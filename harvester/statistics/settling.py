@@ -52,7 +52,8 @@ FORGETTING_TIMES = 8.0
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
 # Share of a store's charge above which the bound of its missing charge is not printed.
 MOST_MISSING = 10.0
-# Of stores that lack this share of the worst's and more, the greatest capacitance is named.
+# Among stores with at least this share of the largest missing charge, the greatest capacitance is
+# named.
 FOLLOWING = 0.25
 # After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
 # of time that the starts move by more than 0.005.
@@ -93,7 +94,7 @@ class Shortfall:
     Attributes
     ----------
     reason
-        In a few words, shown next to each estimate.
+        Reason in a few words, shown next to each estimate.
     advice
         The consequence, and the setting to change.
     names

@@ -1,4 +1,4 @@
-"""How far a load's capacitors and coils are from their steady state at the end of a run.
+"""Distance of a load's capacitors and coils from their steady state at the end of a run.
 
 The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: the distance from y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that

@@ -47,7 +47,7 @@ class WellBalance:
     exchange_time
         The slowest time in which the wells forget which one was begun in (s).
     weights
-        With mean 1, with which the mean of `features` is `balanced`; shape (realizations,
+        Weights of mean 1 with which the mean of `features` is `balanced`; shape (realizations,
         batches).
     features
         Each batch's share of time in each well and its jumps per second, kind by kind;
@@ -55,10 +55,10 @@ class WellBalance:
     balanced
         Stationary means of the features, from the jump rates.
     innovations
-        How far `balanced` lies off by each batch's jumps, more or less than the rates
+        Deviation of `balanced` by each batch's jumps, more or fewer than the rates
         expect, were all batches like it; as `features`.
     changes
-        How far `balanced` changes by one jump more from the first well to the second; shape
+        Change of `balanced` by one more jump from the first well to the second; shape
         (wells, wells, wells + kinds of jumps).
     """
 

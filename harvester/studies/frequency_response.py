@@ -95,7 +95,7 @@ class FrequencySweep:
     rms_voltage, mean_power
         Means over whole periods.
     absolute_amplitude
-        The same as of X, of the mass in space.
+        Amplitude of the mass relative to the laboratory.
     peak_voltage, peak_power
         The greatest |V| and power into the load.
     mean_output_voltage, mean_output_power

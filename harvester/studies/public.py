@@ -87,8 +87,8 @@ def validate(
     executor, runner
         See `harvester.simulate`.
     progress : callable or False or None
-        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
-        none.
+        Called with the finished share, 0 … 1, and the current method. None shows a bar in a
+        notebook, False none.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def frequency_response(
         A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
-        In Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
+        Frequencies in Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
     amplitude : float or None
         Amplitude of the base acceleration, m/s² in SI (default: the amplitude of the scene's sine).
     down : bool
@@ -594,7 +594,7 @@ def optimum(
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Optimum:
-    """Where one parameter, or several, make the power or the efficiency largest (Eq. 37).
+    """Find values of one or several parameters with the largest power or efficiency (Eq. 37).
 
     Parameters
     ----------

@@ -284,7 +284,7 @@ class SpectrumAnalysis(ResultBase):
     Attributes
     ----------
     scene
-        Whose excitation it is, or whose device is looked at.
+        Scene of the excitation, or of the device.
     units : "SI" or "scaled".
     frequencies, density : ndarray, shape (n,)
         Hz, and one-sided density in (m/s²)²/Hz, or of η in a scaled scene.
@@ -293,7 +293,7 @@ class SpectrumAnalysis(ResultBase):
     segments
         Half overlapping ones, by Hann's window.
     duration
-        Of the record, or of the realization (s).
+        Duration of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)

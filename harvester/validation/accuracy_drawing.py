@@ -131,7 +131,7 @@ def _biases(study, name, marks):
 
 
 def _defaults(rows):
-    """Of each family the row at its default step, or at the first of its tolerances."""
+    """Row of each family at its default step, or at the first of its tolerances."""
     first: dict[str, Any] = {}
     for row in rows:
         if row.errors and row.method.refinement == 1:
@@ -149,7 +149,7 @@ def _total_errors(study, name, marks):
     seconds = np.geomspace(min(times), max(times), POINTS)
 
     def total_of(error):
-        """In percent; values below the smallest limit are cut off."""
+        """Total error in percent; values below the smallest limit are cut off."""
         total = 100.0 * error.after(seconds)
         return np.where(total >= 100.0 * LIMITS[-1], total, np.nan)
 

@@ -195,7 +195,7 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     Returns
     -------
     Estimate
-        As a share of the reference's mean.
+        Bias as a share of the reference's mean.
     """
     count = min(len(run.moments), len(reference.moments))
     estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
@@ -222,7 +222,7 @@ class MethodRow:
     run : Timed or None
         The method's run for the means; None if it failed.
     note : str
-        How it failed, or empty.
+        Reason of a failure, or empty.
     mean_step : float
         Mean step of the runs for the strong errors (s); nan when they failed.
     strong : dict of str to float

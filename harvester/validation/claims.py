@@ -69,7 +69,7 @@ class Opinion:
 
     @property
     def where(self) -> str:
-        """Where it holds, where not, and where nothing can be said, in words."""
+        """Conditions under which it holds, fails or is undecided, in words."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive] or pro
         return "; ".join(

@@ -113,7 +113,7 @@ def request(
     realizations : dict of str to int
         Number for each engine, at first.
     **options
-        Of `harvester.engines.request.Request`, for simulations alone.
+        Options of `harvester.engines.request.Request`, for simulations alone.
     """
     if method not in ENGINES:
         return Request(scene, method, tolerance=CLOSURE_ERRORS[method], density=density)

@@ -75,7 +75,7 @@ REPLAY_STEPS, REPLAY_STEPS_IN_CONTACT = 2, 8
 @register
 @dataclass(frozen=True)
 class PathDeviation:
-    """How far an engine's paths lie from fine ones over the stretch in which they are comparable.
+    """Deviation of an engine's paths from fine ones over the stretch in which they are comparable.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class PathDeviation:
         Root mean square deviation of the limit for short steps, as a share of the state's rms,
         of X or V, whichever is larger; nan where no stretch can be compared.
     of_mechanics : float
-        The same of X against the mass under the recorded voltage (`replayed`), where the circuit is
+        Deviation of X from the mass under the recorded voltage (`replayed`), if the circuit is
         its own reference; nan elsewhere.
     resolution : float
         Size that both deviations may have in an engine that solves the same equations.

@@ -50,7 +50,7 @@ def recorded(
     Parameters
     ----------
     **options
-        Of `harvester.simulate` that make up the engine.
+        Options of `harvester.simulate` that define the engine.
     """
     window = (0.0, 2.0 * scene.run.duration)
     return run(scene, engine_of(engine, step=step, **options), indices, window, ignore)
@@ -62,7 +62,7 @@ def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.nda
     Returns
     -------
     ndarray, shape (realizations, knots, 3)
-        In the order of `STATES`.
+        States in the order of `STATES`.
     """
     times = knot_times(scene)
     waveforms: Any = [realization.waveform for realization in realizations]

@@ -221,14 +221,14 @@ def reproduce(
     thorough : bool
         Statements by longer runs, and by the circuit at every condition.
     on_figure : callable or None
-        Given each result as soon as its last point is there.
+        Called with each result when its last point is computed.
     **running
         See `harvester.open_runner`.
 
     Returns
     -------
     list of Surfaces, OrbitVoltages, Reproduction or ReproducedStatements
-        Where the time budget was spent, points that are not there yet are None.
+        After the time budget was spent, missing points are None.
     """
     clock = time.perf_counter()
     names = listed(names, "names", '["fig4"]')

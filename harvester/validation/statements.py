@@ -74,7 +74,7 @@ class StatementTest:
     Attributes
     ----------
     quantity : str
-        Of an answer, or one of `FEATURES` of its density.
+        Quantity of an answer, or one of `FEATURES` of its density.
     swept : str
         Key along whose `values` the quantity is followed.
     ranges, weak : tuple of (key, ends)

@@ -153,7 +153,7 @@ class Beam(Table):
 
     @property
     def patch(self) -> tuple[float, float]:
-        """Where the electrodes begin and end (m from the clamp)."""
+        """Beginning and end of the electrodes (m from the clamp)."""
         remaining = self.length - self.piezo_start
         length = remaining if self.piezo_length is None else self.piezo_length
         return self.piezo_start, self.piezo_start + length
@@ -207,7 +207,7 @@ class LumpedBeam(NamedTuple):
     clamp_compliance
         Rotation of the clamp by a moment (rad/(N m)).
     permittivity_factor
-        By which a measured capacitance changes the layer's permittivity.
+        Factor by which a measured capacitance changes the layer's permittivity.
     """
 
     mass: float

@@ -54,7 +54,7 @@ class Piezoceramic(NamedTuple):
     strain_limit, limit_source
         Greatest permissible strain in vibration, and its source.
     thickness
-        Of a layer sold in one thickness, for whose whole package the values hold (m).
+        Thickness (m) of a layer sold as a package for which the values hold.
     """
 
     modulus: float

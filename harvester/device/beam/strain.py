@@ -20,11 +20,11 @@ class FibreStrain(NamedTuple):
     Attributes
     ----------
     position
-        From the clamp (m).
+        Distance from the clamp (m).
     per_displacement : strain for each metre of the tip (1/m).
     per_volt : strain of the modes left out for each volt (1/V).
     per_acceleration
-        The same for each m/s² of the base (s²/m).
+        Strain per m/s² of the base's acceleration (s²/m).
     modulus : stress for each strain, electrodes short-circuited (Pa).
     stress_per_volt
         Stress per voltage by a layer's field (Pa/V).

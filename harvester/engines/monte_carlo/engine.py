@@ -138,7 +138,7 @@ def integrate(
         A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
         point; overwritten by the next; without room for a point if none is wanted.
     ndarray of int64, shape (len(paths),)
-        How many points of each are meant.
+        Number of points of each.
 
     Raises
     ------

@@ -54,7 +54,7 @@ END_REACTION, CONTACT_DAMPING, EXCITED, LEAVES = range(
 
 
 class BatchWorkspace(NamedTuple):
-    """Where the realizations are, and room to work in.
+    """States of the realizations, and work arrays.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class BatchWorkspace(NamedTuple):
     which
         Index of the realization in each slot of `apart`.
     points
-        Of each realization since it was last zero.
+        Number of points of each realization since its last reset.
     columns
         The recorded points, shape (realizations, fields of `Record`, points); of length 0 if
         none are kept.

@@ -116,7 +116,7 @@ def _finish(study, other, more, axes):
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
-        # The same points in every figure, explained in the legend.
+        # The points are the same in every figure, and explained in the legend.
         axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")
     more(study, other, axes)
 

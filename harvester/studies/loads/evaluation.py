@@ -213,7 +213,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks batch by batch, in the scene's units, or None.
 
-    Of several realizations without noise it is the mean over those on the followed orbit.
+    For several realizations without noise it is the mean over those on the followed orbit.
     """
     if not good:
         return None

@@ -59,7 +59,7 @@ class Proof:
         Standard error of the paired difference, widened where realizations are few; nan where there
         is no difference.
     early_difference, early_standard_error : float
-        The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
+        Difference over the first `PERIODS` periods from rest; NaN if it cannot be computed.
     trouble
         The reason why a difference is missing (the settled part's first); "" if none is.
     """

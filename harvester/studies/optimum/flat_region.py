@@ -1,4 +1,4 @@
-"""How far each parameter may go from a maximum before its height is lost.
+"""Flat region of a maximum: the range of each parameter without a significant loss.
 
 Points further and further out along each axis are compared with the maximum on the same noise, so
 that a difference is known better than either value. Where a point turns out to be higher, the
@@ -29,7 +29,7 @@ MOVES = 6
 
 @dataclass(frozen=True)
 class FlatSide:
-    """How far the maximum is flat on one side of one axis.
+    """Extent of the flat region on one side of one axis.
 
     Attributes
     ----------

@@ -334,7 +334,7 @@ class CubicFit:
     place, error
         Position of the maximum, and its error from noise.
     bias : float
-        How far a spline through the values has its maximum from there, where values lie off the
+        Distance of a spline's maximum from there, if values deviate from the
         cubic beyond chance.
     slope
         Slope at the middle of the window.

@@ -1,4 +1,4 @@
-"""Where to look next for the maximum of a noisy quantity of several parameters.
+"""Proposals of points for the maximum of a noisy quantity of several parameters.
 
 By Optuna's tree-structured Parzen estimator (Bergstra et al., NeurIPS 24 (2011); Akiba et al.,
 KDD (2019)), which takes several parameters together and forgives runs that fail. It was chosen by

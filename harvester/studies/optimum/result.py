@@ -30,7 +30,7 @@ SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 @dataclass(frozen=True)
 class Averaging:
-    """The same optimum by averaging, for comparison.
+    """The optimum by averaging, for comparison.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Averaging:
 
 @dataclass(frozen=True, repr=False)
 class Optimum(ResultBase):
-    """Where a quantity is largest; in the scene's units.
+    """Optimum of a quantity; in the scene's units.
 
     Over one parameter a curve is fitted to several points, and compared with averaging. Over
     several a library proposes points, and the limits of each parameter's flat range are searched.
@@ -65,7 +65,7 @@ class Optimum(ResultBase):
         Points and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
     averaging
-        Over one parameter.
+        Optimum by averaging, over one parameter.
     own
         The value of the scene itself, over several parameters.
     orbits

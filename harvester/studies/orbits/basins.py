@@ -166,7 +166,7 @@ def _section(orbit, unit):
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
-    """How many motions there are, and which gives the most power how likely."""
+    """Sentences on the number of motions, and the share of the one with the most power."""
     if not orbits:
         return []
     steady = [orbit for orbit in orbits if orbit.steady]

@@ -238,7 +238,7 @@ class Bifurcation(ResultBase):
         return [f"{branch.direction}: most power, {most}, at {where} ({branch.motion[best]})"]
 
     def _of_chaos(self, branch):
-        """Where a mean over the samples of a motion without a period has no error bar."""
+        """Sentence on values at which a mean without a period has no error bar."""
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
         where = ", ".join(f"{value:.6g}" for value in self.values[missing])
         return [

@@ -71,14 +71,14 @@ class Orbit:
     period
         Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
+        Largest Lyapunov exponent (1/s) of a motion without a period.
     starts
         Number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as if they were a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
-        Over whole cycles of the start that converged best; of a chaotic motion over the samples of
-        all its starts; NaN without a steady motion.
+        Means over whole cycles of the start that converged best; of a chaotic motion over the
+        samples of all its starts; NaN without a steady motion.
     errors : dict of str to float
         Errors of these three: the remaining transient, or of a chaotic motion the standard
         error, and the step error; NaN if the samples are too few.

@@ -63,7 +63,7 @@ NODES = 400
 
 @dataclass(frozen=True)
 class ResidenceTime:
-    """How long one well holds the device, at one value of the key.
+    """Mean residence time in one well, at one value of the key.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How parameters scatter from device to device, and the devices that a tolerance study simulates.
+"""Scatter of parameters from device to device, and the devices of a tolerance study.
 
 A parameter scatters alone, as `±10%`, `uniform:a:b` or `normal:5%`, or together with others by
 their covariance. Sobol indices are of independent parameters. The principal axes of a joint normal
