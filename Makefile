@@ -10,7 +10,7 @@ BIN := .venv/bin
 RUNS := .venv/.complete
 STAMP := .venv/.complete-test
 
-.PHONY: run test test-fast test-all faults compare drawn netlists fast lint types docs setup clean
+.PHONY: run test test-fast test-all faults compare bench drawn netlists fast lint types docs setup clean
 
 run: $(RUNS)
 	$(BIN)/harvester validate paper --output results
@@ -47,6 +47,11 @@ types: $(STAMP)
 # Both checkouts answer the same short cases; ONLY=text takes those whose name holds it.
 compare: $(STAMP)
 	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -m maintenance.compare $(BASE) --only "$(ONLY)"
+
+# Both checkouts do the same tasks by turns, RUNS times (9 unless given); ONLY as above.
+bench: $(STAMP)
+	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -P -m maintenance.bench $(BASE) --only "$(ONLY)" \
+		--runs $(or $(RUNS),9)
 
 # COUNT random cases of every command against independent truths (44 unless given); ONLY=17,23
 # repeats cases of this SEED, ONLY=words takes those with these words, such as basins,bistable.

@@ -40,7 +40,9 @@ __all__ = list(_WHERE)
 def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
-    raise AttributeError(f"module 'harvester' has no attribute {name!r}")
+    from harvester.base.plain_text import nearest
+
+    raise AttributeError(f"module 'harvester' has no attribute {name!r}{nearest(name, __all__)}")
 
 
 def __dir__() -> list[str]:

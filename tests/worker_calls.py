@@ -58,14 +58,14 @@ def fail(report, reason):
     raise SimulatorAborted(reason)
 
 
-def speeds(report, scene):
+def speeds(report, prepared_scene):
     """The throughput of a scene, in this process."""
 
     class Here:
         def map(self, function, calls):
             return [function(report=report, **call) for call in calls]
 
-    rows = throughput.measure(scene, Here(), compiled=False, knots=200, repeats=1)
+    rows = throughput.measure(prepared_scene, Here(), compiled=False, knots=200, repeats=1)
     return {"rows": rows, "machine": {"date": "today", "cores": 1, "processor": "this one"}}
 
 
@@ -115,13 +115,13 @@ def run_many(report, scene, times):
     """Memory after the first and after the last of many runs (MB)."""
     from truths import Keep
 
-    from circuits.ngspice.engine import run_realizations
+    from harvester.engines.methods import Circuit
 
     sizes = []
     ready = prepared(scene)
     for index in range(times):
         starts = [start_state(ready, 0)]
-        run_realizations(ready, [noise_path(ready, 0)], starts, [[Keep()]], "default", "external")
+        Circuit().run_realizations(ready, [noise_path(ready, 0)], starts, [[Keep()]])
         if index in (times // 4, times - 1):
             sizes.append(resident_megabytes())
     return sizes
@@ -129,7 +129,7 @@ def run_many(report, scene, times):
 
 def run_long(report, scene):
     """Growth of memory over the second half of one run (MB)."""
-    from circuits.ngspice.engine import run_realizations
+    from harvester.engines.methods import Circuit
 
     class Watch:
         def __init__(self):
@@ -141,7 +141,7 @@ def run_long(report, scene):
     watch = Watch()
     ready = prepared(scene)
     starts = [start_state(ready, 0)]
-    run_realizations(ready, [noise_path(ready, 0)], starts, [[watch]], "default", "external")
+    Circuit().run_realizations(ready, [noise_path(ready, 0)], starts, [[watch]])
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
 
 

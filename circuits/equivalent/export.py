@@ -171,7 +171,7 @@ def _check_step(contact_time, step):
     if step > largest:
         raise NetlistError(
             f"step {step:.3g} s does not resolve a contact of {contact_time:.3g} s at "
-            "the rms speed, and ngspice's own steps pass over it: choose --step "
+            "the rms speed, and ngspice's own steps pass over it: choose step = "
             f"{largest:.2g} or less"
         )
 

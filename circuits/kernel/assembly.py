@@ -8,7 +8,6 @@ import numpy as np
 
 from circuits.equivalent import elements as circuit_elements
 from circuits.kernel.builder import Builder, tables_of
-from circuits.kernel.code import code_of
 from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
@@ -73,6 +72,8 @@ def build(ready: Prepared) -> Circuit:
     LoadError
         See `collect`.
     """
+    from circuits.kernel.code import code_of
+
     load = ready.scene.load.circuit
     b, measurement, probes, velocity = collect(ready)
     tables = tables_of(b, velocity)

@@ -22,7 +22,7 @@ from circuits.netlist.functions import LIMITED
 from circuits.netlist.load_notes import check_turn, suspicion
 from circuits.netlist.part_values import SOURCE_CURE, conductance, jumping_sources
 from circuits.netlist.source_schedule import AHEAD, NO_BREAKPOINTS
-from harvester.base.compilation import numba
+from harvester.base import compilation
 from harvester.base.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.device import contact, system, timescales
 from harvester.device.record import Record, empty_record, part
@@ -75,15 +75,14 @@ def circuit_of(ready: Prepared) -> Circuit:
 
 
 def run_realizations(
+    engine: Any,
     ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
-    step: str | float = "default",
-    scheme: str = "runge-kutta",
     outputs: Any = None,
 ) -> dict[str, str | None]:
-    """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
+    """Integrate realizations one by one; see `harvester.engines.methods.Engine`.
 
     There is one scheme for netlists.
 
@@ -99,12 +98,14 @@ def run_realizations(
     SimulatorAborted, SolutionDiverged
     """
     scene, s, scales = ready.scene, ready.system, ready.scales
-    if scheme != "runge-kutta":
-        raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
+    if engine.scheme != "runge-kutta":
+        raise LoadError(
+            f"{scene.name}: scheme {engine.scheme} is for a resistor as load; leave it out"
+        )
     circuit = circuit_of(ready)
-    fixed = steps_per_sample(ready, step, "monte-carlo")
+    fixed = steps_per_sample(ready, engine.step, "monte-carlo")
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
-    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, engine.step, "monte-carlo")
     refinement = fixed / steps_per_sample(ready, engine="monte-carlo")
     stop, lines = stop_time(ready), exact_frequencies(ready)
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
@@ -114,7 +115,7 @@ def run_realizations(
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
                     "Monte Carlo diverged (values that are not finite) before t = "
-                    f"{record.time[-1]:g}; choose a shorter --step"
+                    f"{record.time[-1]:g}; choose a shorter step"
                 )
             for observer in watching:
                 observer.add(record)
@@ -128,7 +129,7 @@ def run_realizations(
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * conductance(circuit.load.across_output)
     return {
-        "engine_version": f"{SCHEME}, numba {numba.__version__}",
+        "engine_version": f"{SCHEME}, numba {compilation.numba.__version__}",
         "netlist_sha256": scene.load.circuit.sha256,
     }
 

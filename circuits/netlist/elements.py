@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from circuits.netlist.expression import Tree
+from circuits.netlist.expression import Tree, currents_in, nodes_in
 from circuits.netlist.waveform import Waveform
 
 # Advice in the message on a refused current.
@@ -92,6 +92,21 @@ class Element(NamedTuple):
     def has_current(self) -> bool:
         """Whether its current is an unknown of the circuit, so that i(name) exists."""
         return self.letter in "vehl" or (self.letter == "b" and self.voltage)
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """The nodes through which its current flows."""
+        return self.nodes[:2] if self.letter in "egs" else self.nodes
+
+    @property
+    def controlling(self) -> list[str]:
+        """Nodes whose voltages control it; ground may be among them."""
+        return [*self.nodes[len(self.ends) :], *nodes_in(self.expression)]
+
+    @property
+    def currents(self) -> list[str]:
+        """Full names of the sources and coils whose currents control it."""
+        return [*self.controls, *currents_in(self.expression)]
 
     @property
     def many(self) -> float:

@@ -89,8 +89,8 @@ class Expansion:
             refuse(circuit.card, f"calls nest deeper than {DEEPEST_CALL} sub-circuits")
         elements = calls = 0
         characters = self._own_characters(circuit)
-        for card, words in circuit.elements:
-            target = called(circuit, words)
+        for line in circuit.elements:
+            target = circuit.find(line.calls)
             if target:
                 inside = self.content(target, (*calling, circuit))
                 elements, calls = elements + inside.elements, calls + inside.calls + 1
@@ -98,8 +98,10 @@ class Expansion:
             else:
                 elements += 1
             if max(elements, calls) > MOST_ELEMENTS:
-                refuse(card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls")
-            self._check(card, characters)
+                refuse(
+                    line.card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls"
+                )
+            self._check(line.card, characters)
         return Content(elements, calls, characters)
 
     def _check(self, card, characters):
@@ -110,7 +112,7 @@ class Expansion:
         """The number of characters of a sub-circuit's own cards and of definitions within it."""
         if id(circuit) in self._characters:
             return self._characters[id(circuit)]
-        cards = [(card, " ".join(words)) for card, words in circuit.elements]
+        cards = [(line.card, line.text) for line in circuit.elements]
         for card, _, pairs in circuit.models.values():
             cards.append((card, " ".join(f"{key}={value}" for key, value in pairs)))
         for values in (circuit.parameters, circuit.local):
@@ -196,10 +198,3 @@ def _check_parameters(circuit):
     except graphlib.CycleError as error:
         circle = " → ".join(error.args[1][:5])
         refuse(circuit.place(error.args[1][0]), f".param {circle}: a value that needs itself")
-
-
-def called(circuit: Subcircuit, words: list[str]) -> Subcircuit | None:
-    """The sub-circuit that an X calls, None for any other element."""
-    if words[0][0] != "x":
-        return None
-    return circuit.find(next(word for word in reversed(words) if "=" not in word))

@@ -65,6 +65,7 @@ _TOKEN = re.compile(
     r"|(?P<operator>\*\*|&&|\|\||[<>=!]=|<>|[-+*/^<>?:,()!~%&|]))",
     re.ASCII,
 )
+_SOLUTION = re.compile(r"\b([vi])\(([^()]*)\)", re.IGNORECASE)
 # Binary operators from the loosest to the tightest.
 _LEVELS = ({"||"}, {"&&"}, {"==", "!=", "<>"}, {"<", ">", "<=", ">="}, {"+", "-"}, {"*", "/", "%"})
 TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
@@ -285,6 +286,19 @@ def _solution(text):
     if not all(re.fullmatch(r"[\w.+\-#/\[\]]+", name) for name in names):
         raise ExpressionError(f"{text[:60]}: name a node, or of i() a source")
     return ("v", names[0], names[1] if names[1:] else GROUND) if most == 2 else ("i", names[0])
+
+
+def solutions(text: str) -> list[tuple[str, list[str]]]:
+    """("v" or "i", names) of each voltage and current that a text asks for, names as they stand."""
+    return [
+        (kind.lower(), [name.strip() for name in inside.split(",")])
+        for kind, inside in _SOLUTION.findall(text)
+    ]
+
+
+def respelt(text: str, spell: Callable[[str, list[str]], str]) -> str:
+    """A text with its voltages and currents as `spell(kind, names)` gives them; "": unchanged."""
+    return _SOLUTION.sub(lambda found: spell(*solutions(found[0])[0]) or found[0], text)
 
 
 @functools.lru_cache(maxsize=4096)

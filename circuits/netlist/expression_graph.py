@@ -9,7 +9,7 @@ import numpy as np
 
 from circuits.netlist import functions
 from circuits.netlist.expression import ExpressionError, Tree, rebuilt
-from circuits.netlist.functions import CHOICE, CODES, NEGATIVE, SUBTRACT, slope, value
+from circuits.netlist.functions import CODES, slope, value
 from harvester.base.compilation import compiled, merged
 from harvester.device.terminals import GROUND
 
@@ -20,6 +20,7 @@ for function in functions.COMPILED:
 # follow.
 UNKNOWN, CONSTANT, TIME = range(3)
 FIRST = 3
+CHOICE = FIRST + CODES["if"]
 
 
 class ExpressionGraph:
@@ -62,8 +63,8 @@ class ExpressionGraph:
         if second < 0:
             return first if first >= 0 else self._row(CONSTANT, value=0.0)
         if first < 0:
-            return self._row(FIRST + NEGATIVE, second)
-        return self._row(FIRST + SUBTRACT, first, second)
+            return self._row(FIRST + CODES["negative"], second)
+        return self._row(FIRST + CODES["-"], first, second)
 
     def _row(self, code, a=0, b=0, c=0, value=0.0):
         self.rows.append((code, a, b, c))
@@ -122,7 +123,7 @@ def evaluate(rows: np.ndarray, values: np.ndarray, y: np.ndarray, time: float) -
             values[k] = time
             continue
         a, b = values[rows[k, 1]], values[rows[k, 2]]
-        if code == FIRST + CHOICE:
+        if code == CHOICE:
             chosen = b if a != 0.0 else values[rows[k, 3]]
             values[k] = a if np.isnan(a) else chosen
         else:
@@ -139,7 +140,7 @@ def slopes(rows: np.ndarray, values: np.ndarray, share: np.ndarray, first: int, 
         if share[k] == 0.0 or code <= TIME:
             continue
         i, j = rows[k, 1], rows[k, 2]
-        if code == FIRST + CHOICE:
+        if code == CHOICE:
             share[j if values[i] != 0.0 else rows[k, 3]] += share[k]
             continue
         left, right = slope(code - FIRST, values[i], values[j], values[k])

@@ -7,6 +7,7 @@ values and slopes; Python calls the same functions for constants.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,50 +22,89 @@ ROUNDING = 1e-12
 
 
 class Operation(NamedTuple):
-    """One function or operator: how many arguments it takes, how ngspice and LTspice write it."""
+    """One function or operator.
 
-    arguments: int
+    Attributes
+    ----------
+    ngspice, ltspice : how each program writes it.
+    value : Python expression of its arguments a and b; nan outside its range.
+    slopes : its slopes in a and b, which may use its value `result`; a jump counts as slope 0.
+    """
+
     ngspice: str
     ltspice: str
+    value: str
+    slopes: tuple[str, str]
+
+    @property
+    def arguments(self) -> int:
+        """Number of arguments."""
+        return self.ngspice.count("{")
 
 
-def _named(name, arguments=1, ltspice=None):
-    def call(word):
-        return f"{word}({','.join(f'{{{k}}}' for k in range(arguments))})"
-
-    return Operation(arguments, call(name), call(ltspice or name))
-
-
-def _infix(sign, ltspice=None):
-    return Operation(2, f"{{0}}{sign}{{1}}", ltspice or f"{{0}}{sign}{{1}}")
+def _operation(
+    form: str, value: str, first: str = "0.0", second: str = "0.0", ltspice: str = ""
+) -> Operation:
+    return Operation(form, ltspice or form, value, (first, second))
 
 
-_SAME = "((({0})>=({1}))*(({0})<=({1})))"
-# Operations in the order of the codes below.
+def _condition(form: str, holds: str, ltspice: str = "") -> Operation:
+    """1 where a condition of a and b holds, else 0; NaN is neither true nor false."""
+    value = f"np.nan if np.isnan(a) or np.isnan(b) else 1.0 if {holds} else 0.0"
+    return _operation(form, value, ltspice=ltspice)
+
+
+# Functions of one argument that all programs spell alike: value and slope.
+_OF_ONE = {
+    "abs": ("abs(a)", "np.sign(a)"),
+    "exp": (f"np.exp(a) if a <= {LARGEST_EXPONENT} else {LARGEST_EXPONENTIAL}", "result"),
+    "ln": ("np.log(max(a, 1e-99)) if a >= 0.0 else np.nan", "1.0 / max(a, 1e-99)"),
+    "sqrt": (f"np.sqrt(max(a, 0.0)) if a >= -{ROUNDING} else np.nan", "0.5 / max(result, 1e-15)"),
+    "sin": ("np.sin(a)", "np.cos(a)"), "cos": ("np.cos(a)", "-np.sin(a)"),
+    "tan": ("np.tan(a)", "1.0 + result * result"), "atan": ("np.arctan(a)", "1.0 / (1.0 + a * a)"),
+    "sinh": ("np.sinh(a)", "np.cosh(a)"), "cosh": ("np.cosh(a)", "np.sinh(a)"),
+    "tanh": ("np.tanh(a)", "1.0 - result * result"),
+    "sgn": ("np.sign(a)", "0.0"), "floor": ("np.floor(a)", "0.0"), "ceil": ("np.ceil(a)", "0.0"),
+    "u": ("np.nan if np.isnan(a) else 0.5 if a == 0.0 else 1.0 if a > 0.0 else 0.0", "0.0"),
+    "uramp": ("np.nan if np.isnan(a) else max(a, 0.0)", "1.0 if a > 0.0 else 0.0"),
+    "asinh": ("np.arcsinh(a)", "1.0 / np.sqrt(1.0 + a * a)"),
+    "asin": ("np.arcsin(a) if abs(a) <= 1.0 else np.nan",
+             "1.0 / np.sqrt(max(1.0 - a * a, 1e-15))"),
+    "acos": ("np.arccos(a) if abs(a) <= 1.0 else np.nan",
+             "-1.0 / np.sqrt(max(1.0 - a * a, 1e-15))"),
+    "acosh": ("np.arccosh(a) if a >= 1.0 else np.nan",
+              "1.0 / np.sqrt(max(a * a - 1.0, 1e-15))"),
+    "atanh": ("np.arctanh(a) if abs(a) < 1.0 else np.nan", "1.0 / max(1.0 - a * a, 1e-15)"),
+}  # fmt: skip
+_ALONG, _ACROSS = "b * max(abs(a), 1e-30) ** (b - 1.0)", "result * np.log(max(abs(a), 1e-30))"
 OPERATIONS: dict[str, Operation] = {
-    "+": _infix("+"), "-": _infix("-"), "*": _infix("*"), "/": _infix("/"),
-    "^": _named("pow", 2, "pwr"), "pwr": _named("pwr", 2, "pwrs"),
-    "negative": Operation(1, "-{0}", "-{0}"), "abs": _named("abs"), "exp": _named("exp"),
-    "ln": _named("ln"), "sqrt": _named("sqrt"), "sin": _named("sin"), "cos": _named("cos"),
-    "tan": _named("tan"), "atan": _named("atan"), "sinh": _named("sinh"), "cosh": _named("cosh"),
-    "tanh": _named("tanh"), "max": _named("max", 2), "min": _named("min", 2),
-    "if": _named("ternary_fcn", 3, "if"), "<": _infix("<"), "<=": _infix("<="),
-    "==": _infix("==", _SAME), "and": _infix("&&", "(({0})&({1}))"),
-    "or": _infix("||", "(({0})|({1}))"), "not": Operation(1, "!{0}", "(1-{0})"),
-    "sgn": _named("sgn"), "floor": _named("floor"), "ceil": _named("ceil"), "u": _named("u"),
-    "uramp": _named("uramp"),
-    "asinh": _named("asinh"), "asin": _named("asin"), "acos": _named("acos"),
-    "acosh": _named("acosh"), "atanh": _named("atanh"), "nint": _named("nint", 1, "round"),
+    "+": _operation("{0}+{1}", "a + b", "1.0", "1.0"),
+    "-": _operation("{0}-{1}", "a - b", "1.0", "-1.0"),
+    "*": _operation("{0}*{1}", "a * b", "b", "a"),
+    "/": _operation("{0}/{1}", "a / divisor(b)", "1.0 / divisor(b)", "-result / divisor(b)"),
+    "^": _operation("pow({0},{1})", "abs(a) ** b", f"{_ALONG} * np.sign(a)", _ACROSS,
+                    "pwr({0},{1})"),
+    "pwr": _operation("pwr({0},{1})", "np.sign(a) * abs(a) ** b", _ALONG, _ACROSS,
+                      "pwrs({0},{1})"),
+    "negative": _operation("-{0}", "-a", "-1.0"),
+    "max": _operation("max({0},{1})", "max(a, b)", "1.0 if a >= b else 0.0",
+                      "0.0 if a >= b else 1.0"),
+    "min": _operation("min({0},{1})", "min(a, b)", "1.0 if a <= b else 0.0",
+                      "0.0 if a <= b else 1.0"),
+    # Its value depends on a third argument: see `folded` and `expression_graph.evaluate`.
+    "if": _operation("ternary_fcn({0},{1},{2})", "b", ltspice="if({0},{1},{2})"),
+    "<": _condition("{0}<{1}", "a < b"), "<=": _condition("{0}<={1}", "a <= b"),
+    "==": _condition("{0}=={1}", "a == b", "((({0})>=({1}))*(({0})<=({1})))"),
+    "and": _condition("{0}&&{1}", "a != 0.0 and b != 0.0", "(({0})&({1}))"),
+    "or": _condition("{0}||{1}", "a != 0.0 or b != 0.0", "(({0})|({1}))"),
+    "not": _operation("!{0}", "np.nan if np.isnan(a) else 1.0 if a == 0.0 else 0.0",
+                      ltspice="(1-{0})"),
+    "nint": _operation("nint({0})", "np.rint(a)", ltspice="round({0})"),
+    **{name: _operation(f"{name}({{0}})", *rules) for name, rules in _OF_ONE.items()},
 }  # fmt: skip
 # Operations that are not defined everywhere.
 LIMITED = {"ln", "sqrt", "asin", "acos", "acosh", "atanh", "^", "pwr"}
 CODES = {name: code for code, name in enumerate(OPERATIONS)}
-(
-    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, SIGNED_POWER, NEGATIVE, ABSOLUTE, EXPONENTIAL,
-    LOGARITHM, ROOT, SINE, COSINE, TANGENT, ARC_TANGENT, HYPERBOLIC_SINE, HYPERBOLIC_COSINE,
-    HYPERBOLIC_TANGENT, GREATER, LESSER, CHOICE, BELOW, NOT_ABOVE, EQUAL, AND, OR, NOT, SIGN,
-    FLOOR, CEILING, STEP, RAMP, AREA_SINE, ARC_SINE, ARC_COSINE, AREA_COSINE, AREA_TANGENT, NEAREST,
-) = range(len(OPERATIONS))  # fmt: skip
 
 
 def folded(name: str, arguments: list[float]) -> float:
@@ -76,180 +116,28 @@ def folded(name: str, arguments: list[float]) -> float:
         return float(value(CODES[name], a, b))
 
 
-def value(code: int, a: float, b: float) -> float:
-    """Value of an operation; nan outside its range."""
-    if code <= NEGATIVE:
-        return _arithmetic(code, a, b)
-    if GREATER <= code <= RAMP:
-        return _piecewise(code, a, b)
-    return _elementary(code, a)
-
-
-def _arithmetic(code, a, b):
-    if code == ADD:
-        return a + b
-    if code == SUBTRACT:
-        return a - b
-    if code == MULTIPLY:
-        return a * b
-    if code == DIVIDE:
-        return a / divisor(b)
-    if code == POWER:
-        return abs(a) ** b
-    if code == SIGNED_POWER:
-        return np.sign(a) * abs(a) ** b
-    return -a
-
-
 def divisor(b: float) -> float:
     """The divisor that ngspice uses instead of b: moved away from 0."""
     return b + LEAST_DIVISOR if b >= 0.0 else b - LEAST_DIVISOR
 
 
-def _piecewise(code, a, b):
-    """Value of a function that compares, or is straight between corners."""
-    if code == GREATER:
-        return max(a, b)
-    if code == LESSER:
-        return min(a, b)
-    if code == SIGN:
-        return np.sign(a)
-    if code == FLOOR:
-        return np.floor(a)
-    if code == CEILING:
-        return np.ceil(a)
-    # NaN is neither true nor false.
-    if np.isnan(a) or (code != NOT and code != STEP and code != RAMP and np.isnan(b)):
-        return np.nan
-    if code == STEP:
-        return 0.5 if a == 0.0 else (1.0 if a > 0.0 else 0.0)
-    if code == RAMP:
-        return max(a, 0.0)
-    holds = (
-        (code == BELOW and a < b)
-        or (code == NOT_ABOVE and a <= b)
-        or (code == EQUAL and a == b)
-        or (code == AND and a != 0.0 and b != 0.0)
-        or (code == OR and (a != 0.0 or b != 0.0))
-        or (code == NOT and a == 0.0)
-    )
-    return 1.0 if holds else 0.0
+def _function(name: str, arguments: str, results: list[str]) -> Callable[..., Any]:
+    """A function of an operation's code that returns the expression of this code."""
+    *first, last = results
+    lines = [f"    if code == {code}:\n        return {text}" for code, text in enumerate(first)]
+    lines.append(f"    return {last}")
+    names = {"np": np, "divisor": divisor, "__name__": __name__}
+    exec("\n".join([f"def {name}(code, {arguments}):", *lines]), names)
+    return names[name]  # type: ignore[return-value]
 
 
-def _elementary(code, a):
-    if code == ABSOLUTE:
-        return abs(a)
-    if code == EXPONENTIAL:
-        return np.exp(a) if a <= LARGEST_EXPONENT else LARGEST_EXPONENTIAL
-    if code == SINE:
-        return np.sin(a)
-    if code == COSINE:
-        return np.cos(a)
-    if code == TANGENT:
-        return np.tan(a)
-    if code == ARC_TANGENT:
-        return np.arctan(a)
-    if code == HYPERBOLIC_SINE:
-        return np.sinh(a)
-    if code == HYPERBOLIC_COSINE:
-        return np.cosh(a)
-    if code == HYPERBOLIC_TANGENT:
-        return np.tanh(a)
-    if code == AREA_SINE:
-        return np.arcsinh(a)
-    if code == NEAREST:
-        return np.rint(a)
-    return _of_a_range(code, a)
-
-
-def _of_a_range(code, a):
-    """Value of a function with a limited domain."""
-    if code == LOGARITHM and a >= 0.0:
-        return np.log(max(a, 1e-99))
-    if code == ROOT and a >= -ROUNDING:
-        return np.sqrt(max(a, 0.0))
-    if code == ARC_SINE and abs(a) <= 1.0:
-        return np.arcsin(a)
-    if code == ARC_COSINE and abs(a) <= 1.0:
-        return np.arccos(a)
-    if code == AREA_COSINE and a >= 1.0:
-        return np.arccosh(a)
-    if code == AREA_TANGENT and abs(a) < 1.0:
-        return np.arctanh(a)
-    return np.nan
-
-
-def slope(code: int, a: float, b: float, result: float) -> Any:
-    """Slopes of an operation in its first and second argument, its value being known."""
-    if code <= SIGNED_POWER:
-        return _slopes_of_two(code, a, b, result)
-    if code == GREATER:
-        return (1.0, 0.0) if a >= b else (0.0, 1.0)
-    if code == LESSER:
-        return (1.0, 0.0) if a <= b else (0.0, 1.0)
-    if code == NEGATIVE:
-        return -1.0, 0.0
-    if code == ABSOLUTE:
-        return np.sign(a), 0.0
-    if code == RAMP:
-        return (1.0 if a > 0.0 else 0.0), 0.0
-    if BELOW <= code <= STEP or code == NEAREST:
-        # A jump counts as slope 0.
-        return 0.0, 0.0
-    return _slope_of_one(code, a, result), 0.0
-
-
-def _slopes_of_two(code, a, b, result):
-    if code == ADD:
-        return 1.0, 1.0
-    if code == SUBTRACT:
-        return 1.0, -1.0
-    if code == MULTIPLY:
-        return b, a
-    if code == DIVIDE:
-        return 1.0 / divisor(b), -result / divisor(b)
-    size = max(abs(a), 1e-30)
-    along = b * size ** (b - 1.0)
-    across = result * np.log(size)
-    return (along * np.sign(a), across) if code == POWER else (along, across)
-
-
-def _slope_of_one(code, a, result):
-    if code == EXPONENTIAL:
-        return result
-    if code == LOGARITHM:
-        return 1.0 / max(a, 1e-99)
-    if code == ROOT:
-        return 0.5 / max(result, 1e-15)
-    if code == SINE:
-        return np.cos(a)
-    if code == COSINE:
-        return -np.sin(a)
-    if code == TANGENT:
-        return 1.0 + result * result
-    if code == ARC_TANGENT:
-        return 1.0 / (1.0 + a * a)
-    if code == HYPERBOLIC_SINE:
-        return np.cosh(a)
-    if code == HYPERBOLIC_COSINE:
-        return np.sinh(a)
-    if code == HYPERBOLIC_TANGENT:
-        return 1.0 - result * result
-    if code == AREA_SINE:
-        return 1.0 / np.sqrt(1.0 + a * a)
-    if code == AREA_COSINE:
-        return 1.0 / np.sqrt(max(a * a - 1.0, 1e-15))
-    if code == AREA_TANGENT:
-        return 1.0 / max(1.0 - a * a, 1e-15)
-    size = 1.0 / np.sqrt(max(1.0 - a * a, 1e-15))
-    return size if code == ARC_SINE else -size
-
+_OPERATIONS = OPERATIONS.values()
+# value(code, a, b), and slope(code, a, b, result) in both arguments.
+value = _function("value", "a, b", [operation.value for operation in _OPERATIONS])
+slope = _function("slope", "a, b, result", [", ".join(o.slopes) for o in _OPERATIONS])
 
 # Functions of this module that compiled code calls.
-COMPILED = (
-    value, _arithmetic, divisor, _piecewise, _elementary, _of_a_range, slope, _slopes_of_two,
-    _slope_of_one,
-)  # fmt: skip
+COMPILED = (divisor, value, slope)
 # Names of constants. Quantities that change with time are not among them.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,

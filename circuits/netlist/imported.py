@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from circuits.netlist.expression import respelt, solutions
 from circuits.netlist.load_circuit import OUTPUT_PINS, PIEZO_PINS
 from circuits.netlist.numbers import number
 from circuits.netlist.reader import DIALECT, IGNORED, INCLUDES, MEASURE, NEEDS, Card, statements
@@ -29,8 +30,6 @@ KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else", ".elsei
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
 # LTspice's parasitic parts within a part. They become separate elements.
 _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
-_VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
-_CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
 
 
 class Imported(NamedTuple):
@@ -203,7 +202,7 @@ def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
 def _check_ground(topology, pins):
     """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
     for name, part in _within(topology) if pins[GROUND] != "n" else ():
-        alone = any("," not in voltage for voltage in _VOLTAGE.findall(part.value))
+        alone = any(kind == "v" and len(ends) == 1 for kind, ends in solutions(part.value))
         if GROUND in map(_key, (*part.nodes, *part.control)) or alone:
             raise NetlistError(
                 f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
@@ -213,14 +212,14 @@ def _check_ground(topology, pins):
 
 
 def _currents(topology, gone):
-    """Replacement of i(NAME): (voltage, resistance), or the reason why there is none."""
-    expressions: dict[str, tuple[str, str] | str] = {}
+    """What replaces i(NAME): a resistor's (ends, resistance), or the reason why nothing can."""
+    expressions: dict[str, tuple[tuple[str, ...], str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()
         if name in gone:
             expressions[name] = f"I({part.name}): {part.name} is removed: the harvester replaces it"
         elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
-            expressions[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
+            expressions[name] = (part.ends, part.value.strip("{}"))
         elif part.letter not in "vehl":
             expressions[name] = (
                 f"I({part.name}): put a source of 0 V, V_{part.name}, in series with {part.name} "
@@ -243,19 +242,22 @@ def _check_functions(topology, functions):
 def _rewritten(text, pins, currents):
     """Text in which the voltages and currents have the load's names."""
 
-    def current(found):
-        expression = currents.get(found[1].strip().lower(), found[0])
+    def spell(kind, names):
+        if kind == "v":
+            return _voltage(names, pins)
+        expression = currents.get(names[0].lower(), "")
         if isinstance(expression, tuple):
-            return f"({expression[0]}/({expression[1]}))"
-        if expression != found[0]:
+            ends, ohms = expression
+            return f"({_voltage(ends, pins)}/({_rewritten(ohms, pins, {})}))"
+        if expression:
             raise NetlistError(expression)
-        return expression
+        return ""
 
-    return _VOLTAGE.sub(lambda found: _voltage(found[1], pins), _CURRENT.sub(current, text))
+    return respelt(text, spell)
 
 
 def _element(
-    card: Card, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
+    card: Card, pins: dict[str, str], currents: dict[str, Any], said: list[str]
 ) -> Iterator[str]:
     """An element with its nodes renamed, and the parts that stood within it."""
     # LTspice writes 0 where there is no such part.
@@ -272,12 +274,12 @@ def _element(
     # Parentheses of V and I sources contain a waveform; in other elements V(…) and I(…) are
     # measured.
     if letter not in "vi":
-        asked = _CURRENT.findall(remainder)
+        asked = [names[0] for kind, names in solutions(remainder) if kind == "i"]
         remainder = _rewritten(remainder, pins, currents)
         said += [
             f"{name}: I({current}) is its voltage over its resistance"
             for current in dict.fromkeys(asked)
-            if isinstance(currents.get(current.strip().lower()), tuple)
+            if isinstance(currents.get(current.lower()), tuple)
         ]
     for key, value in within:
         parasitic = f"{key[0].upper()}{key[1:]}_{name}"
@@ -292,9 +294,9 @@ def _element(
     yield " ".join([name, *nodes, remainder])
 
 
-def _voltage(inner, pins):
+def _voltage(ends, pins):
     """A voltage in an expression; of one node it is against node 0."""
-    nodes = [_renamed(node.strip(), pins) for node in inner.split(",")]
+    nodes = [_renamed(node, pins) for node in ends]
     if len(nodes) == 1 and pins[GROUND] != "n":
         nodes.append(pins[GROUND])
     return f"v({','.join(nodes)})"

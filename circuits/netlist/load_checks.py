@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from circuits.netlist.elements import AMMETER
-from circuits.netlist.expression import ExpressionError, currents_in, leaves, nodes_in, parse
+from circuits.netlist.expression import ExpressionError, leaves, parse
 from circuits.netlist.flattening import calls
 from circuits.netlist.part_models import LEAST_RESISTANCE
 from harvester.base.errors import NetlistError
@@ -27,8 +27,6 @@ LARGEST_VALUE = 1e30
 LARGEST_ENERGY = 1e9
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
-# Letters of elements whose second pair of nodes controls them and carries no current.
-_CONTROLLED = "seg"
 
 
 def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
@@ -48,12 +46,12 @@ def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
 
 def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, ...]:
     """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
-    ends = Counter(node for element in elements for node in _connected(element))
-    known_nodes = {GROUND, *pins, *(node for element in elements for node in _controlling(element))}
+    ends = Counter(node for element in elements for node in element.ends)
+    known_nodes = {GROUND, *pins, *(node for element in elements for node in element.controlling)}
     return tuple(
         f"{node} of {element.place}"
         for element in elements
-        for node in _connected(element)
+        for node in element.ends
         if ends[node] == 1 and node not in known_nodes
     )
 
@@ -119,7 +117,7 @@ def _check_sources(parts):
         if part.letter != "v" and not part.voltage:
             continue
         a, z = (GROUND if node == "n" else node for node in part.nodes[:2])
-        if (part.controls or currents_in(part.expression)) and a != z:
+        if part.currents and a != z:
             # Its voltage may depend on the loop's current.
             continue
         one, other = (joined.setdefault(node, {node}) for node in (a, z))
@@ -135,9 +133,9 @@ def _check_sources(parts):
 
 def _check_nodes(parts, pins):
     """Refuse a voltage that controls something where nothing is connected."""
-    known_nodes = {GROUND, *pins, *(node for part in parts for node in _connected(part))}
+    known_nodes = {GROUND, *pins, *(node for part in parts for node in part.ends)}
     for part in parts:
-        for node in _controlling(part):
+        for node in sorted({*part.controlling}):
             if node not in known_nodes:
                 hint = nearest(node, known_nodes)
                 _refuse(part, f"nothing is connected to the node {node[:60]}{hint}")
@@ -147,23 +145,12 @@ def _check_currents(parts):
     """Refuse an expression with the current of an element that does not exist."""
     currents = {part.name for part in parts if part.has_current}
     for part in parts:
-        for name in sorted({*part.controls, *currents_in(part.expression)}):
+        for name in sorted({*part.currents}):
             if name not in currents:
                 _refuse(
                     part,
                     f"i({name[:60]}) is no current of the load{nearest(name, currents)}: {AMMETER}",
                 )
-
-
-def _controlling(each: Element) -> list[str]:
-    """Nodes whose voltage controls an element."""
-    inner = sorted({*nodes_in(each.expression)})
-    return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
-
-
-def _connected(each: Element) -> Iterable[str]:
-    """Nodes that an element's current flows through."""
-    return each.nodes[:2] if each.letter in _CONTROLLED else each.nodes
 
 
 def _check_couplings(parts):

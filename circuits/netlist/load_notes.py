@@ -49,7 +49,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     notes += [
         f"{source.place} depends on its own output by way of the node {node}: a "
         "comparator with such a hysteresis may turn too late or too early at default steps; "
-        "compare with --step finest, or use a switch (S, vt= and vh=)"
+        "compare with step = finest, or use a switch (S, vt= and vh=)"
         for source in load.elements
         for node in _fed_back(load, source)[:1]
     ]

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from circuits.netlist.expression import nodes_in
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.netlist.elements import Element
 
-# Letters of elements with controlling nodes, and of those whose slope depends on the voltage across
-# them.
-_CONTROLLED, _CURVED = "segw", "dqjm"
+# Letters of elements whose slope depends on the voltage across them.
+_CURVED = "dqjm"
 
 # A store belongs to a mode if its voltage is at least this share of the mode's greatest. This
 # excludes the voltage of a DC side as a whole against ground, which stray capacitances hold.
@@ -60,11 +58,8 @@ def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str
         return ()
     nodes = [end for store in stores for end in (store.first, store.second)]
     for element in elements:
-        if element.letter in _CURVED:
-            nodes += element.nodes
-        elif element.letter in _CONTROLLED:
-            nodes += element.nodes[2:4]
-        nodes += nodes_in(element.expression)
+        nodes += element.nodes if element.letter in _CURVED else ()
+        nodes += element.controlling
     return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
 
 

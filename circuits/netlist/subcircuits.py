@@ -236,24 +236,24 @@ def _vet(circuit):
         circuit.functions[name] = (card, arguments, check_expression(card, expression, inside))
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
     names = set()
-    for card, words in circuit.elements:
-        if words[0] in names:
-            refuse(card, f"{words[0][:40]} is there twice")
-        names.add(words[0])
+    for line in circuit.elements:
+        if line.name in names:
+            refuse(line.card, f"{line.name[:40]} is there twice")
+        names.add(line.name)
     coils = {name for name in names if name[0] == "l"}
-    for card, words in circuit.elements:
-        for name in words[1:-1] if words[0][0] == "k" else ():
+    for line in circuit.elements:
+        for name in line.controls if line.name[0] == "k" else ():
             if name not in coils:
                 hint = nearest(name, coils)
-                refuse(card, f"{words[0]}: no inductor {name} in its sub-circuit{hint}")
+                refuse(line.card, f"{line.name}: no inductor {name} in its sub-circuit{hint}")
     for inner in circuit.inner.values():
         _vet(inner)
 
 
 def _vetted(card, circuit, scope):
-    """(card, words) of one element; a call is checked against its sub-circuit."""
+    """One element vetted; a call is checked against what it calls."""
     if not card.text.startswith("x"):
-        return card, vet_element(card, scope)
+        return vet_element(card, scope)
     words = re.sub(r"\bparams:\s*", "", card.text).split()
     bare = [word for word in words if "=" not in word]
     target = circuit.find(bare[-1])
@@ -271,7 +271,8 @@ def _vetted(card, circuit, scope):
             hint = nearest(name, target.parameters)
             refuse(card, f"{target.name[:40]} has no parameter {name[:40]}{hint}")
     values = {name: check_value(card, value, scope, name) for name, value in pairs.items()}
-    return card, [*bare, *(f"{name}={value}" for name, value in values.items())]
+    given = (bare[-1], *(f"{name}={value}" for name, value in values.items()))
+    return vetting.Line(card, bare[0], tuple(nodes), given, named=values, calls=bare[-1])
 
 
 def _single_resistance(top, parts):

@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from circuits.netlist.expression import Tree, currents_in, leaves, nodes_in
+from circuits.netlist.expression import Tree, currents_in, leaves
 from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from circuits.netlist.measures import Measure
 from circuits.netlist.potentials import has_tree, wave_tree
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 # Nodes that many elements share. Sources do not depend on each other by way of these.
 COMMON = frozenset({"n", "ref", GROUND})
 _PINS = frozenset({"p", "out"})
-_TRANSISTORS = "qjm"
 
 
 def supplies_of(
@@ -92,25 +91,20 @@ def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
     return Measure(kind, name, "", "", first.where, (tree, None))
 
 
-def _ends(each: Element) -> tuple[str, ...]:
-    """The nodes through which its current flows."""
-    return each.nodes if each.letter in _TRANSISTORS else each.nodes[:2]
-
-
 def coupled(parts: Sequence[Element]) -> frozenset[str]:
     """Nodes of the elements that can exchange energy with a load's pins.
 
     Elements that meet the others in one node alone, as in a logic signal, cannot, unless
     a converter's sources feed them and others take from them.
     """
-    islands = joined({*_ends(part)} - COMMON for part in parts)
+    islands = joined({*part.ends} - COMMON for part in parts)
     sources = {part.name: part for part in parts if _may_supply(part)}
     groups = _groups(sources, parts)
     reached = {*_PINS}
     waiting = []
     for island in islands:
-        shared = {"n" if node == GROUND else node for part in parts if island & {*_ends(part)}
-                  for node in {*_ends(part)} & COMMON}  # fmt: skip
+        shared = {"n" if node == GROUND else node for part in parts if island & {*part.ends}
+                  for node in {*part.ends} & COMMON}  # fmt: skip
         if island & _PINS or len(shared) > 1:
             reached |= island
         elif sum(bool(island & {*source.nodes[:2]}) for source in sources.values()) > 1:
@@ -136,27 +130,17 @@ def joined(ends: Iterable[set[str]]) -> list[set[str]]:
     return islands
 
 
-def _controls(each: Element) -> tuple[set[str], set[str]]:
-    """Nodes and currents on which an element depends, other than by its own ends."""
-    nodes, names = {*nodes_in(each.expression)}, {*currents_in(each.expression)}
-    if each.expression is None and each.letter in "egs":
-        nodes |= {*each.nodes[2:4]}
-    if each.letter in "fhw":
-        names |= {*each.controls}
-    return nodes - {*each.nodes[:2]}, names
-
-
 def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[str]]:
     """Names of sources that count together."""
     at: dict[str, list[Element]] = {}
     for part in parts:
-        for node in _ends(part):
+        for node in part.ends:
             at.setdefault(node, []).append(part)
     by_name = {part.name: part for part in parts}
     by_current: dict[str, set[str]] = {}
     reached: dict[str, set[str]] = {}
     for name, part in sources.items():
-        nodes, currents = _controls(part)
+        nodes, currents = {*part.controlling} - {*part.nodes[:2]}, {*part.currents}
         # The current of an ammeter or a coil equals the current of the sources around it.
         around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
@@ -193,7 +177,6 @@ def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
         ports = {part.name for part in at.get(node, ()) if part.name in sources}
         near_sources |= ports
         for part in at.get(node, ()) if not ports else ():
-            nodes_asked, currents = _controls(part)
-            waiting += [*_ends(part), *nodes_asked]
-            near_sources |= currents & {*sources}
+            waiting += [*part.ends, *part.controlling]
+            near_sources |= {*part.currents} & {*sources}
     return near_sources

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from circuits.netlist.expression import solutions
 from circuits.netlist.reader import Card, statements
 from circuits.netlist.vetting import ELEMENTS, check_form, refuse
 from harvester.base.errors import NetlistError
@@ -183,6 +184,6 @@ def read_part(card: Card) -> Part:
     if letter in "fhw":
         return Part(name, nodes, tuple(remainder[:1]), " ".join(remainder[1:]))
     value = " ".join(remainder)
-    voltages = re.findall(r"\bv\(([^()]*)\)", value.lower()) if letter in "beg" else ()
-    control = dict.fromkeys(node.strip() for pair in voltages for node in pair.split(","))
+    asked = solutions(value.lower()) if letter in "beg" else ()
+    control = dict.fromkeys(node for kind, pair in asked if kind == "v" for node in pair)
     return Part(name, nodes, tuple(control), value)

@@ -174,5 +174,5 @@ def written(circuit: Subcircuit) -> list[str]:
     lines += [f"* needs: {card.text}" for card in circuit.needs]
     for inner in circuit.inner.values():
         lines += written(inner)
-    lines += [" ".join(words) for _, words in circuit.elements]
+    lines += [line.text for line in circuit.elements]
     return [*lines, f".ends {circuit.name}"] if circuit.name else lines

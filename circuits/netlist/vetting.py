@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple, NoReturn
 
 from circuits.netlist.dialects import in_ngspices_words
@@ -83,6 +84,44 @@ class Scope(NamedTuple):
     functions: Mapping
     models: Mapping
     dialect: str = ""
+
+
+class Line(NamedTuple):
+    """One vetted element, its values still as text.
+
+    Attributes
+    ----------
+    words : those behind name and nodes, as the file is written out again.
+    values : of R, C, L in their order, of K and a controlled source its only one, of Q and J those
+        behind the model; `bare` are those of R, C, L without a key.
+    controls : sources or coils that control it.
+    models : of R, C, L all that it names.
+    named : name=value settings.
+    flags : "on" or "off".
+    waves : kind and numbers of each waveform of a source; its `values` are constants.
+    expression : of a B, or of E and G with value=; `voltage` if it sets one.
+    calls : sub-circuit of an X.
+    """
+
+    card: Card
+    name: str
+    nodes: tuple[str, ...]
+    words: tuple[str, ...] = ()
+    values: tuple[str, ...] = ()
+    bare: tuple[str, ...] = ()
+    controls: tuple[str, ...] = ()
+    models: tuple[str, ...] = ()
+    named: Mapping[str, str] = {}
+    flags: tuple[str, ...] = ()
+    waves: tuple[tuple[str, list[str]], ...] = ()
+    expression: str = ""
+    voltage: bool = False
+    calls: str = ""
+
+    @property
+    def text(self) -> str:
+        """The element in ngspice's words."""
+        return " ".join([self.name, *self.nodes, *self.words])
 
 
 def listed(names: Iterable[str]) -> str:
@@ -244,17 +283,16 @@ def rewritten(expression: str) -> str:
     return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
 
 
-def vet_element(card: Card, scope: Scope) -> list[str]:
-    """An element's card as ngspice reads it: a list of words, name first."""
+def vet_element(card: Card, scope: Scope) -> Line:
+    """An element's card as ngspice reads it."""
     text = card.text
     if text[0] in "rcl":
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
     name, *words = re.split(r"\s+", text)
     check_form(card, name, words)
     count, kind = ELEMENTS[name[0]]
-    nodes, remainder = words[:count], words[count:]
-    check_nodes(card, nodes)
-    return [name, *nodes, *_KINDS[kind](card, remainder, scope)]
+    check_nodes(card, words[:count])
+    return _KINDS[kind](Line(card, name, tuple(words[:count])), words[count:], scope)
 
 
 def check_form(card: Card, name: str, words: list[str]) -> None:
@@ -274,29 +312,34 @@ def check_nodes(card: Card, nodes: list[str]) -> None:
             refuse(card, f"{node[:40]!r} is no name of a node")
 
 
-def _value(card, rest, scope):
+def _value(line, rest, scope):
     """Value, model and parameters of R, C and L."""
-    words, named = [], False
+    words, values, bare, models, named = [], [], [], [], {}
     for word in rest:
         if "=" in word and not word.startswith("{"):
-            words += _part_parameter(card, word, scope)
-            named = named or word[0:2] in ("r=", "c=", "l=")
-        elif _is_model(word, scope):
+            for key, value in _part_parameter(line.card, word, scope):
+                words.append(f"{key}={value}")
+                if key == line.name[0]:
+                    values.append(value)
+                else:
+                    named[key] = value
+        elif word in scope.models and number(word) is None and word not in scope.parameters:
+            # A number or a parameter of a model's name goes before it.
             words.append(word)
+            models.append(word)
         else:
-            named = True
-            words.append(check_value(card, word, scope))
-    if not named and not any(_is_model(word, scope) for word in words):
-        refuse(card, f"{card.text[:50]!r}: no value")
-    return words
-
-
-def _is_model(word, scope):
-    """Whether a word of R, C or L is a model: a number or a parameter of its name goes before."""
-    return word in scope.models and number(word) is None and word not in scope.parameters
+            words.append(check_value(line.card, word, scope))
+            values.append(words[-1])
+            bare.append(words[-1])
+    if not (values or models):
+        refuse(line.card, f"{line.card.text[:50]!r}: no value")
+    return line._replace(
+        words=(*words,), values=(*values,), bare=(*bare,), models=(*models,), named=named
+    )
 
 
 def _part_parameter(card, word, scope):
+    """The (key, value) of a part's setting, or nothing if it has no effect."""
     match = _PAIR.fullmatch(word)
     key, value = match.groups() if match else ("", "")
     if key in FACTS or (key in SERIES and number(value) == 0.0):
@@ -308,99 +351,156 @@ def _part_parameter(card, word, scope):
         refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
     # `tc` and `tc1` are the same parameter; the last one counts.
     key = "tc1" if key == "tc" else key
-    return [f"{key}={check_value(card, value, scope, key)}"]
+    return [(key, check_value(card, value, scope, key))]
 
 
-def _coupling(card, rest, scope):
+def _coupling(line, rest, scope):
     if len(rest) < 3:
-        refuse(card, "write it as Kname L1 L2 coefficient")
-    check_nodes(card, rest[:-1])
-    return [*rest[:-1], check_value(card, rest[-1], scope)]
+        refuse(line.card, "write it as Kname L1 L2 coefficient")
+    *coils, size = rest
+    check_nodes(line.card, coils)
+    size = check_value(line.card, size, scope)
+    return line._replace(words=(*coils, size), controls=(*coils,), values=(size,))
 
 
-def _model(card, rest, scope):
+def _model(line, rest, scope):
     """Further nodes, the model's name, its parameters."""
-    words, model_seen = [], False
+    card, letter, position, model = line.card, line.name[0], None, ""
+    words: list[str] = []
+    values: list[str] = []
+    flags: list[str] = []
+    named: dict[str, str] = {}
     for word in rest:
         if "=" in word:
-            words += _part_parameter(card, word, scope)
-        elif word in scope.models and not model_seen:
-            model_seen = True
+            pairs = _part_parameter(card, word, scope)
+            named.update(pairs)
+            words += [f"{key}={value}" for key, value in pairs]
+        elif position is None:
+            if word in scope.models:
+                position, model = len(words), word
+            else:
+                check_nodes(card, [word])
             words.append(word)
-        elif model_seen and word not in FLAGS:
-            if card.text[0] in "msw":
-                refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
-            area = "area=" if card.text[0] == "d" else ""
-            words.append(area + check_value(card, word, scope))
+        elif word in FLAGS:
+            words.append(word)
+            (flags if word in ("on", "off") or letter in "sw" else values).append(word)
         else:
-            check_nodes(card, [word])
-            words.append(word)
-    if not model_seen:
+            if letter in "msw":
+                refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
+            value = check_value(card, word, scope)
+            words.append(f"area={value}" if letter == "d" else value)
+            if letter == "d":
+                named["area"] = value
+            else:
+                values.append(value)
+    if position is None:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
         missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
         refuse(card, f"no .model {missing}: copy that part's .model line into the file")
-    letter = card.text[0]
-    further = next(k for k, word in enumerate(words) if word in scope.models)
-    if further > _FURTHER.get(letter, 0) or (letter == "w" and not further):
+    if position > _FURTHER.get(letter, 0) or (letter == "w" and not position):
         refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
-    return words
+    further = tuple(word for word in words[:position] if "=" not in word)
+    if letter == "w":
+        line = line._replace(controls=further)
+    else:
+        line = line._replace(nodes=line.nodes + further)
+        words = words[len(further) :]
+    return line._replace(
+        words=(*words,), models=(model,), values=(*values,), flags=(*flags,), named=named
+    )
 
 
-def _source(card, rest, scope):
-    """A number or one of the plain waveforms with numbers."""
-    words = []
-    for word in _SOURCE_WORD.findall(" ".join(rest)):
-        if word in WAVEFORMS or word in "(),":
+def _source(line, rest, scope):
+    """Constants and plain waveforms with their numbers; those of ac have no effect."""
+    words, named, card = [], {}, line.card
+    values: list[str] = []
+    waves: list[tuple[str, list[str]]] = []
+    # Numbers are those of a waveform, of "dc", of "ac" (two), or a constant.
+    place, skipped = values, 0
+    tokens = _SOURCE_WORD.findall(" ".join(rest))
+    after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))
+    for k, word in enumerate(tokens):
+        following = tokens[after[k]] if k in after else "="
+        if word in "(),":
             words.append(word)
+        elif word == "dc" and (following in WAVEFORMS or re.match(r"\w*=", following)):
+            refuse(card, f"{line.name}: dc without a value")
+        elif word in WAVEFORMS:
+            words.append(word)
+            skipped = 2 if word == "ac" else 0
+            place = values
+            if word not in ("dc", "ac"):
+                place = []
+                waves.append((word, place))
         elif "=" in word and word[0] != "{":
             match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
             if not match:
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
-            words.append(f"{match.group(1)}={check_value(card, match.group(2), scope)}")
+            key, value = match.group(1), check_value(card, match.group(2), scope)
+            words.append(f"{key}={value}")
+            place, skipped = values, 0
+            if key == "dc":
+                values.append(value)
+            elif key != "ac":
+                named[key] = value
         elif word[0].isalpha() and word not in scope.parameters:
             waveforms = ", ".join(sorted(WAVEFORMS))
             refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
         else:
             words.append(check_value(card, word, scope))
-    return words
+            if not skipped:
+                place.append(words[-1])
+            skipped = max(skipped - 1, 0)
+    return line._replace(words=(*words,), values=(*values,), waves=(*waves,), named=named)
 
 
-def _controlled(card, rest, scope):
+def _controlled(line, rest, scope):
     """Nodes or a source's name with a gain, or value={expression}."""
+    card, letter = line.card, line.name[0]
     if any(re.match(r"(poly|laplace|table|freq)\b", word) for word in rest):
         refuse(card, "poly, laplace, table and freq are not accepted: write a B source")
     text, many = _multiplied(card, " ".join(rest), scope)
+    words = [f"m={value}" for value in many.values()]
+    line = line._replace(named=many, voltage=letter in "eh")
     match = re.fullmatch(r"(value|vol|cur)[= ](.*)", text)
     if match:
         expression = match.group(2).strip()
         braced = expression if expression.startswith("{") else "{" + expression + "}"
-        return [f"{match.group(1)}={check_value(card, braced, scope)}", *many]
+        value = check_value(card, braced, scope)
+        return line._replace(words=(f"{match.group(1)}={value}", *words), expression=value)
     # PSpice writes the controlling nodes as (c,d).
     *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
     check_nodes(card, controls)
-    if len(controls) != (2 if card.text[0] in "eg" else 1):
+    if len(controls) != (2 if letter in "eg" else 1):
         refuse(card, f"{card.text[:50]!r}: needs its controlling nodes or source, and a gain")
-    return [*controls, check_value(card, gain, scope), *many]
+    gain = check_value(card, gain, scope)
+    if letter in "eg":
+        line = line._replace(nodes=(*line.nodes, *controls), words=(gain, *words))
+    else:
+        line = line._replace(controls=(*controls,), words=(*controls, gain, *words))
+    return line._replace(values=(gain,))
 
 
 def _multiplied(card, text, scope):
-    """A source's text and its ["m=…"], or []; voltages in parallel are one."""
+    """A source's text and its {"m": value}, or {}; voltages in parallel are one."""
     match = re.fullmatch(r"(.*\S) m=(\S+)", text)
     if not match:
-        return text, []
+        return text, {}
     if card.text[0] in "eh" or match.group(1).startswith("v="):
         refuse(card, f"m={match.group(2)[:40]}: sources of voltage side by side are one: leave it")
-    return match.group(1), [f"m={check_value(card, match.group(2), scope)}"]
+    return match.group(1), {"m": check_value(card, match.group(2), scope)}
 
 
-def _behavioural(card, rest, scope):
-    text, many = _multiplied(card, " ".join(rest), scope)
+def _behavioural(line, rest, scope):
+    text, many = _multiplied(line.card, " ".join(rest), scope)
     match = re.fullmatch(r"([iv])=(.+)", text)
     if not match:
-        refuse(card, f"{card.text[:50]!r}: write it as Bname n+ n- i=expression")
-    expression = match.group(2).replace("{", "(").replace("}", ")")
-    return [f"{match.group(1)}={check_expression(card, expression, scope)}", *many]
+        refuse(line.card, f"{line.card.text[:50]!r}: write it as Bname n+ n- i=expression")
+    key, expression = match.group(1), match.group(2).replace("{", "(").replace("}", ")")
+    expression = check_expression(line.card, expression, scope)
+    words = (f"{key}={expression}", *(f"m={value}" for value in many.values()))
+    return line._replace(words=words, expression=expression, voltage=key == "v", named=many)
 
 
 _KINDS = {

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import copy
-import importlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from circuits.equivalent.assembly import assemble, step_options
@@ -24,85 +23,44 @@ if TYPE_CHECKING:
 
 def prepare(ready: Prepared) -> None:
     """Load libraries and compiled code, so that they do not count as simulation."""
-    importlib.import_module("PySpice.Spice.Netlist")
     session().prepare(ready.system)
 
 
 def run_realizations(
+    circuit: Any,
     ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
-    step: str | float,
-    source: str,
-    scheme: str = "trapezoidal",
-    tolerance: float | None = None,
-    device: str = "automatic",
     outputs: Any = None,
-    aids: Mapping[str, float] | None = None,
-    ramp: float = 0.0,
 ) -> dict[str, str]:
-    """Run realizations side by side in one netlist through ngspice.
+    """Run realizations side by side in one netlist through ngspice; see `Engine`.
 
-    Parameters
-    ----------
-    ready : Prepared
-    paths : sequence of ExcitationPath
-        One for each realization.
-    starts : sequence of (float, float, float)
-        X, X' and transducer's state of each realization at the beginning, scaled.
-    observers : sequence of sequences of objects with `add(record)`
-        Observers of each realization.
-    step : str or float
-        See `harvester.scene.steps.steps_per_sample`.
-    source : str
-        "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
-        takes one realization.
-    scheme : str
-        "trapezoidal" or "gear".
-    tolerance : float or None
-        ngspice's relative tolerance for the local error of a step, which then shortens the
-        steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
-        `circuits.equivalent.assembly.LOAD_TOLERANCE`.
-    device : str
-        See `harvester.simulate`.
-    outputs : sequence of harvester.statistics.output_moments.OutputMoments or None
-        For a load that has an output side, one for each realization.
-    aids : mapping of str to float
-        Options of ngspice that help Newton's iterations; those that are 0 are left out.
-    ramp : float
-        Time (s) in which the load's constant sources rise from 0.
-
-    Returns
-    -------
-    dict
-        engine_version, netlist_sha256.
-
-    Raises
-    ------
-    SimulationError, NetlistError, EngineNotFound
+    `circuit` is a `harvester.engines.methods.Circuit`. A PWL source takes one realization.
     """
     scene, system = ready.scene, ready.system
     engine = session()
     engine.circuit_load = scene.load.circuit
-    if source == "pwl":
+    if circuit.source == "pwl":
         from circuits.equivalent.export import stand_alone
 
         written = copy.deepcopy(paths[0])
-        netlist = stand_alone(ready, written, starts[0], step, tolerance, scheme, save=())
+        netlist = stand_alone(
+            ready, written, starts[0], circuit.step, circuit.tolerance, circuit.scheme, save=()
+        )
         engine.run(netlist, system, paths, observers, 0, outputs=outputs)
     else:
-        options, by_error = step_options(ready, step, tolerance)
-        for name, value in (aids or {}).items():
+        options, by_error = step_options(ready, circuit.step, circuit.tolerance)
+        for name in ("gmin", "cshunt"):
+            value = getattr(circuit, name)
             options += f" {name}={value!r}" if value else ""
-        compiled = _compiled(engine, ready, device)
-        exact = scheme == "trapezoidal" and tolerance is None
-        line = line_frequency(ready) if exact else 0.0
+        exact = circuit.scheme == "trapezoidal" and circuit.tolerance is None
         netlist = assemble(
-            ready, step, starts, options=options, integrator=scheme, compiled=compiled, line=line,
-            ramp=ramp,
+            ready, circuit.step, starts, options=options, integrator=circuit.scheme,
+            compiled=_compiled(engine, ready, circuit.device),
+            line=line_frequency(ready) if exact else 0.0, ramp=circuit.ramp,
         )  # fmt: skip
-        steps = steps_per_sample(ready, step), steps_per_contact(ready, step)
+        steps = steps_per_sample(ready, circuit.step), steps_per_contact(ready, circuit.step)
         refinement = steps[0] / steps_per_sample(ready)
         engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)
     return {"engine_version": version(engine), "netlist_sha256": netlist.sha256}

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.base.method import Method
+from harvester.base.signatures import Share
 
 # The default closure: it holds for the widest range of devices.
 DEFAULT_CLOSURE = "fokker_planck"
@@ -22,7 +23,7 @@ class Stationary(Method):
     """
 
     closure: str = DEFAULT_CLOSURE
-    tolerance: float | None = None
+    tolerance: Share | None = None
     fit: bool = False
     jump_rates: bool = False
 

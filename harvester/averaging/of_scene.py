@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harvester.averaging.method import DEFAULT_CLOSURE, Stationary
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.results.result import Result
     from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
     from harvester.statistics.estimate import Estimate
 
 DIMENSIONS = {
@@ -94,16 +94,18 @@ def average(
         options = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
         if not isinstance(method, Stationary):
             raise HarvesterError(
-                f"average: {method} is an engine, not a closure; give Stationary(…)"
+                f"average: {method} is an engine: call simulate, or give Stationary(…)"
             )
         chosen = method.check_options_agree(options, {"fit": False, "jump_rates": False})
         method, tolerance = chosen.closure, chosen.tolerance
         fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
-    spectrum_fit, noise = _fitted(scene) if fit else (None, scene)
+    spectrum_fit, noise = None, prepared(scene)
+    if fit:
+        spectrum_fit, noise = _fitted(noise)
     averages = averages_of(noise, method, tolerance, memory=jump_rates)
-    parameters, scales = prepared(noise).system, prepared(noise).scales
+    parameters, scales = noise.system, noise.scales
     quantities = estimates_of(averages)
     if not timescales.bistable(parameters):
         quantities.pop("share_in_wells", None)
@@ -159,23 +161,22 @@ def _left_out(system, closure):
 
 
 def averages_of(
-    scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
+    prepared_scene: Prepared, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
     """Scaled means by a closure for a scene; see `harvester.averaging.closures.average`."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.closures import average as average_parameters
-    from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
 
     chosen = CLOSURES.get(closure)
     if chosen is None or not chosen.of_spectrum:
-        return average_parameters(averaged_device(scene), closure, tolerance, memory)
-    require_resistor(scene, closure)
-    _refuse_range(scene)
-    return chosen.average(prepared(scene), tolerance or chosen.tolerance)
+        return average_parameters(averaged_device(prepared_scene), closure, tolerance, memory)
+    require_resistor(prepared_scene.scene, closure)
+    _refuse_range(prepared_scene.scene)
+    return chosen.average(prepared_scene, tolerance or chosen.tolerance)
 
 
-def averaged_device(scene: Scene) -> System:
+def averaged_device(prepared_scene: Prepared) -> System:
     """A scene's device and noise in scaled form.
 
     Raises
@@ -185,15 +186,15 @@ def averaged_device(scene: Scene) -> System:
     AveragingError
         Its excitation is no noise that can be averaged over.
     """
-    from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
 
+    scene = prepared_scene.scene
     require_resistor(scene, "stochastic averaging")
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
     _refuse_range(scene)
-    return prepared(scene).system
+    return prepared_scene.system
 
 
 def _refuse_range(scene):
@@ -223,24 +224,21 @@ def estimates_of(averages: Averages) -> dict[str, Estimate]:
     return estimates | {"rms_voltage": root(estimates["mean_square_voltage"])}
 
 
-def _fitted(scene):
-    """The fit to the scene's record, and the scene with the fitted noise."""
+def _fitted(recorded):
+    """The fit to a prepared scene's record, and the prepared scene with the fitted noise."""
     from harvester.device import timescales
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
     from harvester.excitation.recorded import RecordedMotion
     from harvester.excitation.spectrum_fit import fit_spectrum
-    from harvester.scene.prepared import prepared
 
+    scene, scales = recorded.scene, recorded.scales
     if not isinstance(scene.excitation, RecordedMotion):
         raise AveragingError(
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
         )
-    model = prepared(scene)
-    parameters, scales = model.system, model.scales
-    spectrum_fit = fit_spectrum(
-        scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
-    )
+    resonance = timescales.angular_frequency(recorded.system) / (2.0 * math.pi)
+    spectrum_fit = fit_spectrum(scene.excitation, resonance)
     noise = OrnsteinUhlenbeck(spectrum_fit.intensity, spectrum_fit.correlation_time)
     # Results keep the scene's unit of length.
     length = scales.displacement if scene.units == "SI" else None
-    return spectrum_fit, replace(scene, excitation=noise, length_scale=length)
+    return spectrum_fit, recorded.replace(excitation=noise, length_scale=length)

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from harvester.base.errors import HarvesterError
-from harvester.base.plain_text import nearest, shown
+from harvester.base.errors import HarvesterError, UnknownOption, UnknownQuantity
+from harvester.base.numbers import is_real, is_whole, on_quotes
+from harvester.base.plain_text import named, nearest, shown
 
 if TYPE_CHECKING:
     import numpy as np
 
 # Longest list taken from an iterator, which may have no end.
 MOST_VALUES = 100_000
+# From this whole number on the last of three values may be meant for a number of points.
+FEWEST_POINTS = 3
+# Most names listed in a message.
+MOST_NAMED = 60
 # numpy's defaults for floating-point errors.
 USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
@@ -30,18 +36,42 @@ def usual_arithmetic() -> np.errstate:
     return np.errstate(**(USUAL | lenient))
 
 
-def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
+def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    `example`: a valid value, for the message. Raises HarvesterError for a text, for no list,
-    and for a list without an end.
+    `example`: how it is written; `kind`: class of all values. Raises HarvesterError for a text, for
+    what is no list, for a value of another kind, and for a list without an end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
     items = tuple(itertools.islice(values, MOST_VALUES + 1))
     if len(items) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
+    wrong = [item for item in items if not isinstance(item, kind)]
+    if wrong:
+        raise HarvesterError(f"{where}: {shown(wrong[0])}: is no {kind.__name__}; write {example}")
+    if len(items) == 3 and all(map(is_real, items)) and is_whole(items[2], FEWEST_POINTS):
+        low, high, count = items
+        # A tuple of whole numbers, or one whole number behind others, may be meant for a range.
+        mixed = isinstance(values, tuple) or not all(is_whole(item, item) for item in items)
+        if mixed and not math.isclose(high - low, count - high):
+            read = f"{low:g}, {high:g}, {count}"
+            raise HarvesterError(
+                f"{where} = {shown(values)}: three values or a range? write [{read}.0], or "
+                f"numpy.linspace({read})"
+            )
     return items
+
+
+def real_numbers(values: Any, where: str, example: str) -> tuple[float, ...]:
+    """One finite number or more; `values`, `where`, `example`: see `listed`."""
+    items = listed(values, where, example)
+    for item in items:
+        if not (is_real(item) and math.isfinite(item)):
+            raise HarvesterError(f"{where}: {shown(item)}: must be a number{on_quotes(item)}")
+    if not items:
+        raise HarvesterError(f"{where}: is empty; write {example}")
+    return tuple(map(float, items))
 
 
 def table(values: Any, where: str, example: str) -> dict[Any, Any]:
@@ -54,23 +84,50 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     return dict(values)
 
 
+def unknown(text: str, name: object, known: Iterable[Any], kind: type = HarvesterError) -> Any:
+    """The error about a name that is not known: the nearest one, and all that there are."""
+    names = [str(item) for item in itertools.islice(known, MOST_NAMED + 1)]
+    listed_names = ", ".join([*names[:MOST_NAMED], *["…"] * (len(names) > MOST_NAMED)]) or "none"
+    return kind(f"{text} {named(name)}{nearest(name, names)}; there are {listed_names}")
+
+
+def check_known(function: str, options: Iterable[str], known: Collection[str]) -> None:
+    """Refuse the first option that a function does not have, by UnknownOption."""
+    for option in options:
+        if option not in known:
+            raise unknown(f"{function}: no option", option, known, UnknownOption)
+
+
+class Named(dict):
+    """Values by their names; an unknown name raises UnknownQuantity with those that there are.
+
+    `where`: beginning of the message, such as "paper: no density of".
+    """
+
+    def __init__(self, where: str, values: Mapping[Any, Any]) -> None:
+        super().__init__(values)
+        self.where = where
+
+    def __missing__(self, name: object) -> Any:
+        raise unknown(self.where, name, self, UnknownQuantity)
+
+
 def check_name(what: str, name: str, known: Collection[str]) -> str:
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
-        raise HarvesterError(
-            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
-        )
+        raise unknown(f"unknown {what}", name, known)
     return name
 
 
 def key_and_values(
     over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
-) -> tuple[str, Sequence[float]]:
+) -> tuple[str, tuple[float, ...]]:
     """The key of a grid along one key, and its values; raises HarvesterError."""
     if isinstance(over, Mapping) and len(over) == 1 and values is None:
-        return next(iter(over.items()))
+        ((key, levels),) = over.items()
+        return key, real_numbers(levels, f"over[{key!r}]", "[0.1, 0.2]")
     if isinstance(over, str) and values is not None:
-        return over, values
+        return over, real_numbers(values, "values", "[0.1, 0.2]")
     raise HarvesterError(
         f"--over: {shown(over)}: give one key with its values, "
         "over={'excitation.amplitude': [1.0, 2.0]}; on the command line its name and the option "
@@ -82,10 +139,7 @@ def check_processes(options: Mapping[str, Any]) -> None:
     """Refuse an executor or a runner that takes no calls, by HarvesterError."""
     executor, runner = options.get("executor"), options.get("runner")
     if executor is not None and not hasattr(executor, "submit"):
-        raise HarvesterError(
-            f"executor = {shown(executor)}: has no method submit; give a "
-            "concurrent.futures.Executor"
-        )
+        raise HarvesterError(f"executor = {shown(executor)}: give a concurrent.futures.Executor")
     runs = hasattr(runner, "answer") or hasattr(getattr(runner, "pool", runner), "map")
     if runner is not None and not runs:
         raise HarvesterError(f"runner = {shown(runner)}: give a WorkerPool or a Runner")

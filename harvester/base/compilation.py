@@ -16,68 +16,115 @@ overload      code chosen by an argument's type      compiled only within its ca
 intrinsic     LLVM's own instructions                calls by address, numbers side by side
 ============  =====================================  ==========================================
 
-numba is imported here, and by other modules from here: it reads a file `.numba_config.yaml` of the
-working folder when it is imported and whenever it compiles, which may name a folder of code.
-The changes to numba, and the version that they were tested with, are in
+numba takes a third of this program's start. It is therefore imported when compiled code is first
+called: until then a function is `Deferred`, and overloads wait in a list. A module that imports
+numba's own `types`, `intrinsic` and the like from here imports numba at once; they come from
 `harvester.base.numba_patches`.
 """
 
 from __future__ import annotations
 
-import hashlib
-import re
+import functools
+import threading
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
-from harvester.base import numba_cache
 from harvester.base.memory import load_libraries_early
-from harvester.base.surroundings import away_from_working_folder
 
-load_libraries_early()
-numba_cache.keep_environment_usable()
-with away_from_working_folder():
-    import llvmlite.binding
-    import numba
-    from numba import carray, cfunc, extending, njit, types
-    from numba.core import cgutils
-    from numba.extending import intrinsic
+# What waits for numba; None once it is imported.
+_waiting: list[Callable[[], object]] | None = []
+_importing = threading.RLock()
 
+
+def __getattr__(name: str) -> Any:
+    """What numba has of this name, see `harvester.base.numba_patches`."""
+    if name.startswith("__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(_numba(), name)
+
+
+def _numba():
+    """The module with numba's parts; what has waited for numba is done at its first import."""
+    global _waiting
     from harvester.base import numba_patches
-    from harvester.base.numba_patches import INLINE, UNCOUNTED, WITHIN, ziggurat
 
-__all__ = [
-    "CACHED", "address_of", "carray", "cfunc", "cgutils", "compiled", "inlined", "intrinsic",
-    "merged", "merged_once", "njit", "numba", "overload", "register_jitable", "summing", "types",
-    "uncounted", "ziggurat",
-]  # fmt: skip
+    with _importing:
+        waiting, _waiting = _waiting, None
+        for register in waiting or ():
+            register()
+    return numba_patches
 
-numba_patches.read_no_settings_file()
-# Vectors of eight numbers if the processor has them: by default LLVM uses four on some of these.
-if not numba.core.config.CPU_FEATURES:
-    features = llvmlite.binding.get_host_cpu_features()
-    if features.get("avx512f"):
-        numba.core.config.CPU_FEATURES = features.flatten() + ",-prefer-256-bit"
 
-numba_patches.keep_own_index()
-numba_patches.wait_for_other_processes()
-# Without the cache everything is compiled at every start. That takes some seconds and changes no
-# number.
-CACHED = numba_cache.is_safe()
-compiled = partial(njit, cache=CACHED, error_model="numpy")
-uncounted = partial(njit, cache=CACHED, error_model="numpy", **UNCOUNTED)
-inlined = partial(njit, error_model="numpy", inline="always")
-merged_once = partial(uncounted, **INLINE)
-overload = partial(extending.overload, jit_options=WITHIN)
-register_jitable = extending.register_jitable(**WITHIN)
-summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _with_numba(register):
+    """Do something that needs numba, now or when it is imported."""
+    with _importing:
+        if _waiting is not None:
+            _waiting.append(register)
+            return
+    register()
 
-PACKAGE = Path(__file__).parents[1]
-PACKAGES = ("harvester", "circuits")
-IMPORT = re.compile(
-    r"^(?:from|import) ((?:harvester|circuits)\b[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE
-)
+
+class Deferred:
+    """A function for numba to compile, which is imported at the first use of any attribute."""
+
+    def __init__(self, function: Callable, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._options = options
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        # `_numba_type_` among them: numba compiles calls of this as calls of the dispatcher.
+        return getattr(self._dispatcher, name)
+
+    @functools.cached_property
+    def _dispatcher(self):
+        numba = _numba()
+        cache = self._options.get("cache", False) and numba.CACHED
+        return numba.njit(**self._options | {"cache": cache})(self.__wrapped__)
+
+
+def _compiling(**options):
+    """The decorator of functions that are compiled with some options of numba's."""
+
+    def decorate(function=None, **more):
+        if function is None:
+            return functools.partial(decorate, **more)
+        return Deferred(function, options | more)
+
+    return decorate
+
+
+# For loops that create no array: reference counting would cost more than their work.
+UNCOUNTED = {"_nrt": False}
+INLINE = {"forceinline": True}
+# For functions that only compiled code calls: an entry point for C takes a third longer to compile.
+WITHIN = {"no_cfunc_wrapper": True}
+COMMON = {"error_model": "numpy"}
+
+compiled = _compiling(cache=True, **COMMON)
+uncounted = _compiling(cache=True, **COMMON, **UNCOUNTED)
+inlined = _compiling(inline="always", **COMMON)
+merged_once = _compiling(cache=True, **COMMON, **UNCOUNTED, **INLINE)
+summing = _compiling(cache=True, fastmath={"reassoc", "nsz", "contract"}, **COMMON)
+
+
+def overload(function: Callable, **options: Any) -> Callable:
+    """numba's decorator of this name: its function chooses code by the arguments' types."""
+
+    def decorate(choose):
+        options.setdefault("jit_options", WITHIN)
+        _with_numba(lambda: _numba().extending.overload(function, **options)(choose))
+        return choose
+
+    return decorate
+
+
+def register_jitable(function: Callable) -> Callable:
+    """Let compiled code call a function, which Python calls as it stands."""
+    _with_numba(lambda: _numba().extending.register_jitable(**WITHIN)(function))
+    return function
 
 
 def merged(function: Callable) -> Callable:
@@ -86,12 +133,10 @@ def merged(function: Callable) -> Callable:
     Uncounted as well. If a caller knows beforehand that an argument is True or None, the compiled
     code omits the branch that is never taken. Python calls the function unchanged.
     """
-    options = {"error_model": "numpy", **UNCOUNTED, **INLINE, **WITHIN}
-
-    @extending.overload(function, jit_options=options, strict=False, prefer_literal=True)
-    def choose(*arguments):
-        return function
-
+    options = {**COMMON, **UNCOUNTED, **INLINE, **WITHIN}
+    overload(function, jit_options=options, strict=False, prefer_literal=True)(
+        lambda *arguments: function
+    )
     return function
 
 
@@ -119,61 +164,5 @@ def address_of(function: Any, *arguments: Any) -> int:
     return code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name)
 
 
-def compiled_sources() -> list[Path]:
-    """The files that compiled code is made of.
-
-    These are all files of the folders in which a module imports this one, since a class next to
-    them may be an argument of compiled code, and whatever those files import at their head. What a
-    function imports as it runs is not compiled.
-    """
-    files = {}
-    for package in PACKAGES:
-        for file in sorted((PACKAGE.parent / package).rglob("*.py")):
-            parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
-            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
-    texts = {name: file.read_bytes() for name, file in files.items()}
-    folders = {files[name].parent for name, text in texts.items() if __name__.encode() in text}
-    reached = set()
-    left = [name for name, file in files.items() if file.parent in folders - {PACKAGE}]
-    left.append(__name__)
-    while left:
-        name = left.pop()
-        if name not in reached:
-            reached.add(name)
-            left += _imports(texts[name].decode()) & files.keys()
-    return [file for name, file in files.items() if name in reached]
-
-
-def _imports(text):
-    """Names of modules, and of possible modules, that a file imports at its head."""
-    names = set()
-    for module, members in IMPORT.findall(text):
-        names.add(module)
-        names.update(f"{module}.{member}" for member in re.findall(r"\w+", members))
-    return names
-
-
-def forget_stale_code() -> None:
-    """Drop compiled code when a source that it is made of has changed since it was written.
-
-    numba checks the file of the function alone, not the functions that it calls elsewhere: a
-    changed force law would go on being compiled into an unchanged integrator.
-    """
-    digest = hashlib.sha256()
-    for source in compiled_sources():
-        digest.update(source.read_bytes())
-    stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
-    try:
-        if stamp.is_file() and stamp.read_bytes() == digest.hexdigest().encode():
-            return
-        for package in PACKAGES:
-            for index in (PACKAGE.parent / package).rglob("*.nbi"):
-                index.unlink(missing_ok=True)
-        stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(digest.hexdigest())
-    except OSError:
-        # The folder may not be written: numba then keeps its files elsewhere.
-        return
-
-
-forget_stale_code()
+if load_libraries_early():
+    _numba()

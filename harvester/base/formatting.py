@@ -22,7 +22,7 @@ ROUNDED_COUNT = 1000.0
 
 
 class Printed(str):
-    """A printed number that keeps its value, its standard error and its unit.
+    """A printed number that keeps its value, its standard error, its unit and its estimate.
 
     Tables of results hold them: a terminal prints the text, a data frame takes the value.
 
@@ -35,6 +35,7 @@ class Printed(str):
     error: float | None
     unit: str
     ends: tuple[float, float] | None
+    estimate: Estimated | None
 
     def __new__(
         cls,
@@ -43,9 +44,11 @@ class Printed(str):
         error: float | None = None,
         unit: str = "",
         ends: tuple[float, float] | None = None,
+        estimate: Estimated | None = None,
     ) -> Printed:
         printed = super().__new__(cls, text)
         printed.value, printed.error, printed.unit, printed.ends = value, error, unit, ends
+        printed.estimate = estimate
         return printed
 
 
@@ -65,11 +68,12 @@ def with_error(estimate: Estimated, unit: str = "") -> Printed:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
     if not math.isfinite(value):
-        return Printed(NOT_KNOWN, math.nan, None, unit)
+        return Printed(NOT_KNOWN, math.nan, None, unit, estimate=estimate)
     factor, symbol = prefixed(largest(estimate), unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
     bare = text.removesuffix(NO_ERROR_BAR)
-    return Printed(f"{bare} {symbol}".rstrip() + text[len(bare) :], value, error, unit)
+    printed = f"{bare} {symbol}".rstrip() + text[len(bare) :]
+    return Printed(printed, value, error, unit, estimate=estimate)
 
 
 def largest(estimate: Estimated) -> float:
@@ -125,7 +129,7 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
     value = 100.0 * share
     text = f"{value:.2f}" if error is None else _value_and_error(value, 100.0 * error)
     plus = "+" if sign and text[0] != "(" and float(text.split()[0]) > 0.0 else ""
-    return Printed(f"{plus}{text} %", share, error, "1")
+    return Printed(f"{plus}{text} %", share, error, "1", estimate=estimate)
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:

@@ -26,13 +26,13 @@ LIMITS = {
 }
 
 
-def load_libraries_early() -> None:
-    """If memory is limited, import all libraries now, or raise if they do not fit.
+def load_libraries_early() -> bool:
+    """If memory is limited, import what is imported later; whether it is.
 
-    Raises MemoryError.
+    Raises MemoryError where it will not fit.
     """
     if not _is_limited():
-        return
+        return False
     for name in IMPORTED_LATER:
         importlib.import_module(name)
     # The libraries' copies of BLAS take their buffers, one thread's, at their first call.
@@ -43,6 +43,7 @@ def load_libraries_early() -> None:
     threadpool_limits(1)
     square = np.eye(200)
     linalg.lu_factor(square @ square)
+    return True
 
 
 def _is_limited():

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
-from harvester.base.errors import HarvesterError
+from harvester.base.arguments import check_known
+from harvester.base.errors import HarvesterError, UnknownOption
 from harvester.base.plain_text import shown
 
 
@@ -19,6 +20,16 @@ class Method(ABC):
     Every field is a setting with a default. A name, such as "circuit", is short for the object with
     its defaults.
     """
+
+    def __new__(cls, *settings: Any, **named: Any) -> Self:
+        from harvester.base.signatures import check_options
+
+        names = [field.name for field in fields(cls)]
+        check_known(cls.__name__, named, names)
+        if len(settings) > len(names):
+            raise UnknownOption(f"{cls.__name__}: has {len(names)} settings; name them")
+        check_options(cls.__init__, {**dict(zip(names, settings, strict=False)), **named})
+        return super().__new__(cls)
 
     @property
     @abstractmethod

@@ -18,20 +18,15 @@ UPDATE_SECONDS = 0.1
 _HAS_BAR = ContextVar("has_bar", default=False)
 
 
-def in_notebook() -> bool:
-    """Whether the code runs in a Jupyter kernel."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython else None
-    return shell is not None and hasattr(shell, "kernel")
-
-
 @contextlib.contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[float, str], None] | None]:
     """A function of the share done and a few words that shows a bar; it goes when the block ends.
 
     None outside a notebook, and inside another bar's block.
     """
-    if not in_notebook() or _HAS_BAR.get():
+    ipython = sys.modules.get("IPython")
+    in_notebook = ipython and hasattr(ipython.get_ipython(), "kernel")
+    if not in_notebook or _HAS_BAR.get():
         yield None
         return
     from IPython.display import HTML, display

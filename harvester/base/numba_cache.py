@@ -10,9 +10,10 @@ import functools
 import hashlib
 import os
 import pickle
+import re
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,9 @@ from harvester.base.surroundings import PACKAGE, foreign_writers_of, other_write
 # compiled again in each process, since other processes may lack that package.
 OWN = ("harvester", "circuits")
 DIGEST_BYTES = hashlib.sha256().digest_size
+IMPORT = re.compile(
+    rf"^(?:from|import) ((?:{'|'.join(OWN)})\b[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE
+)
 
 
 def keep_environment_usable() -> None:
@@ -128,16 +132,52 @@ def _lock_file(folder):
         return None, None
 
 
-def is_foreign(kind: Any) -> bool:
-    """Whether a numba type, or one within it, belongs to a class of another program."""
+def modules_of(kind: Any) -> Iterator[str]:
+    """Modules of the classes of a numba type and of all types within it."""
     owner = getattr(kind, "instance_class", None)
-    if owner is not None and owner.__module__.partition(".")[0] not in OWN:
-        return True
+    if owner is not None:
+        yield owner.__module__
     inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
     # The type is an array or a pointer.
     if hasattr(kind, "dtype"):
         inner = (*inner, kind.dtype)
-    return any(is_foreign(part) for part in inner)
+    for part in inner:
+        yield from modules_of(part)
+
+
+def is_foreign(kind: Any) -> bool:
+    """Whether a numba type, or one within it, belongs to a class of another program."""
+    return any(module.partition(".")[0] not in OWN for module in modules_of(kind))
+
+
+def sources(modules: Iterable[str]) -> dict[str, str]:
+    """Digests of all files that code of these modules is compiled from, by names of modules.
+
+    These are the modules and what they import at their head, and so on. What a function imports as
+    it runs is not compiled.
+    """
+    reached: dict[str, str] = {}
+    left = [*modules]
+    while left:
+        name = left.pop()
+        if name not in reached:
+            reached[name], imported = _source(name)
+            left += imported
+    return {name: digest for name, digest in reached.items() if digest}
+
+
+@functools.cache
+def _source(name):
+    """Digest of a module's file, and the names that it imports at its head, modules or not."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None:
+        return "", ()
+    text = Path(file).read_bytes()
+    names = set()
+    for module, members in IMPORT.findall(text.decode()):
+        names.add(module)
+        names.update(f"{module}.{member}" for member in re.findall(r"\w+", members))
+    return hashlib.sha256(text).hexdigest(), names
 
 
 def is_safe() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import numbers
 import re
 
@@ -26,6 +27,17 @@ def is_real(value: object) -> bool:
 def is_whole(value: object, least: int) -> bool:
     """Whether a value is a whole number, not True or False, and not below the least."""
     return is_real(value) and isinstance(value, numbers.Integral) and int(value) >= least
+
+
+def on_quotes(value: object) -> str:
+    """A remark on the quotes of a number that was given as a text.
+
+    >>> on_quotes("0.1"), on_quotes("high")
+    ('; write 0.1 without quotes', '')
+    """
+    with contextlib.suppress(NotANumber):
+        return f"; write {number(value):g} without quotes" if isinstance(value, str) else ""
+    return ""
 
 
 def number(text: str, unit: str | None = None) -> float:

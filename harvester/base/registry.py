@@ -8,6 +8,7 @@ A package adds a part by an entry point of the kind's group, in its pyproject.to
 
 from __future__ import annotations
 
+import functools
 from collections import UserDict
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -62,6 +63,7 @@ class Registry(UserDict[str, Part]):
         raise KeyError(f"{part!r} is no entry point of {self._group}")
 
 
+@functools.cache
 def _entry_points(**selected):
     # importlib.metadata takes 10 % of the time of `harvester COMMAND --help`.
     from importlib import metadata

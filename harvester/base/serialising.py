@@ -99,10 +99,11 @@ def read(kind: Any, value: Any, where: str) -> Any:
     if get_origin(kind) is dict:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
-        return {
-            _read_key(key_kind, name, where): read(value_kind, item, f"{where}.{name}")
-            for name, item in value.items()
-        }
+        # JSON has texts alone as keys.
+        for name in value:
+            fits = isinstance(name, str) and (key_kind is str or name.isdecimal())
+            _require(fits, name, where, _PLAIN[key_kind][1])
+        return {key_kind(n): read(value_kind, item, f"{where}.{n}") for n, item in value.items()}
     if get_origin(kind) is tuple:
         _require(isinstance(value, list | tuple), value, where, "a list")
         return tuple(read(get_args(kind)[0], item, where) for item in value)
@@ -125,14 +126,6 @@ def values_of(kind: Any, content: Any, where: str) -> dict[str, Any]:
         elif name and field.default is field.default_factory is dataclasses.MISSING:
             raise NotAValue(f"{where}.{name} is missing")
     return values
-
-
-def _read_key(kind, name, where):
-    """A key of a table; JSON keys are texts."""
-    if kind is int:
-        _require(isinstance(name, str) and name.isdecimal(), name, where, "a whole number")
-        return int(name)
-    return read(kind, name, where)
 
 
 def _require(fits, value, where, what):

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real, is_whole, number
+from harvester.base.numbers import is_real, is_whole, number, on_quotes
 from harvester.base.plain_text import named, shown
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -109,30 +109,8 @@ def window_of(text: str) -> tuple[float, float]:
     return start, stop
 
 
-def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings: words with = belong to the file before them."""
-    files: list[tuple[str, dict[str, Any]]] = []
-    for word in words:
-        if not files or "=" not in word:
-            files.append((word, {}))
-            continue
-        name, value = pair_of(str)(word)
-        if not name:
-            raise ValueError(word)
-        # Keys of the scene take numbers, columns any name.
-        settings = files[-1][1]
-        settings[name] = value
-        with contextlib.suppress(ValueError):
-            settings[name] = number(value) if "." in name else value
-    return files
-
-
 def as_list(values: list[Any], option: str) -> list[Any]:
     return values
-
-
-def together(lists: list[list[Any]], option: str) -> list[Any]:
-    return [item for items in lists for item in items]
 
 
 def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
@@ -144,29 +122,6 @@ def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     return dict(pairs)
 
 
-def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings, all of them different."""
-    seen: list[tuple[str, dict[str, Any]]] = []
-    for file, settings in together(lists, option):
-        # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
-        one = (os.path.realpath(file), settings)
-        if one in seen:
-            raise HarvesterError(
-                f"{option} {named(file)}: is given twice with the same settings, and each record "
-                "counts once: leave one out"
-            )
-        seen.append(one)
-    return together(lists, option)
-
-
-def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
-    """One file with its settings."""
-    record, *others = together(lists, option)
-    if others:
-        raise HarvesterError(f"{option} {named(others[0][0])}: one file is read, with NAME=VALUE")
-    return record
-
-
 def _positive(value: Any) -> bool:
     return is_real(value) and float(value) > 0.0
 
@@ -175,6 +130,15 @@ def _share(value: Any) -> bool:
     return is_real(value) and 0.0 < float(value) < 1.0
 
 
+# What a value must be by the type of its parameter, where the annotation says no more.
+BY_TYPE: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    bool: ("True or False", lambda value: type(value).__name__ in ("bool", "bool_")),
+    int: ("a whole number", lambda value: is_real(value) and isinstance(value, numbers.Integral)),
+    float: ("a number", lambda value: is_real(value) and math.isfinite(value)),
+    str: ("a text", lambda value: isinstance(value, str)),
+    str | os.PathLike: ("a path", lambda value: isinstance(value, (str, os.PathLike))),
+    str | Method: ("a name or a method", lambda value: isinstance(value, (str, Method))),
+}
 # A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[
@@ -322,8 +286,13 @@ class Option(NamedTuple):
         """
         if value is None and self.may_be_none:
             return
-        if self.kind.holds and not self.kind.holds(value):
-            raise HarvesterError(f"{self.spelling} {shown(value)}: must be {self.kind.required}")
+        required, holds = self.kind.required, self.kind.holds
+        if not holds:
+            required, holds = BY_TYPE.get(self.type, (required, None))
+        if holds and not holds(value):
+            raise HarvesterError(
+                f"{self.spelling} {shown(value)}: must be {required}{on_quotes(value)}"
+            )
 
 
 @functools.cache
@@ -366,7 +335,11 @@ def named_as_called(function: Callable) -> Iterator[None]:
     except HarvesterError as error:
         if not AT_COMMAND_LINE.get():
             names = {option.spelling: name for name, option in options_of(function).items()}
-            text = re.sub(r"--[a-z][a-z-]*", lambda word: names.get(word[0], word[0]), str(error))
+            text = re.sub(
+                r"--([a-z][a-z-]*)",
+                lambda word: names.get(word[0], word[1].replace("-", "_")),
+                str(error),
+            )
             error.args = (text, *error.args[1:])
         raise
 

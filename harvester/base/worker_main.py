@@ -18,7 +18,7 @@ import sys
 import threading
 import traceback
 
-from harvester.base import numba_cache
+from harvester.base import compilation, numba_cache
 from harvester.base.errors import HarvesterError, SimulationError
 
 _give_up = None
@@ -62,6 +62,9 @@ def main() -> None:
     _give_up = send
     numba_cache.on_damage = lambda path: send("damage", path)
     numba_cache.on_compilation = lambda change: send("compilation", change)
+    # What nearly every call needs is imported before the first one comes, which reports a failure.
+    with contextlib.suppress(Exception):
+        _ = compilation.numba
     while True:
         function, arguments = calls.get()
         try:

@@ -70,6 +70,9 @@ class WorkerPool:
         self.size = min(size, calls or size)
         self._folders = folders
         self._open()
+        # Processes start while the caller goes on; a failure is raised by the first call.
+        for worker in self._workers:
+            self._threads.submit(worker.start)
 
     def __enter__(self) -> WorkerPool:
         return self
@@ -138,7 +141,7 @@ class WorkerPool:
         self._threads.shutdown(cancel_futures=True)
 
     def _open(self) -> None:
-        """Fresh workers; their processes start at their first calls."""
+        """Fresh workers, whose processes do not run yet."""
         self._closed = False
         self._threads = ThreadPoolExecutor(self.size)
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()

@@ -71,7 +71,7 @@ class Worker:
         HarvesterError
             As raised by the function.
         """
-        process, answers = self._start()
+        process, answers = self.start()
         deadline = math.inf if time_limit is None else time.monotonic() + time_limit
         latest, compiling, began, compiled = None, 0, 0.0, 0.0
         try:
@@ -138,8 +138,8 @@ class Worker:
             if workplace is not None:
                 workplace.cleanup()
 
-    def _start(self):
-        """The running process and the queue of its answers."""
+    def start(self) -> tuple[Any, Any]:
+        """Start the process unless it runs; returns it and the queue of its answers."""
         with self._changing:
             if self._closed:
                 raise SimulatorCrashed("the simulator was stopped")

@@ -48,7 +48,7 @@ def netlist(
 
         harvester netlist paper --set run.duration=100 --output paper.cir
     """
-    write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
+    write(scene, "deck", output, say, dialect=dialect, step=step, realization=realization)
 
 
 def export(
@@ -104,9 +104,7 @@ def export(
         "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
     with progress("export"):
-        paths = write(scene, kind, output, say, **options)
-    for path in paths:
-        say(f"written: {path}")
+        write(scene, kind, output, say, **options)
 
 
 def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
@@ -137,10 +135,15 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
 
     check_writable(output)
     text = read_text(Path(file))
-    node_names = nodes or _asked(candidates(text))
+    listed = f"nodes: {', '.join(candidates(text))}"
+    if not nodes and not sys.stdin.isatty():
+        raise HarvesterError(f"--nodes P,N,OUT,REF: name the harvester's nodes; {listed}")
+    if not nodes:
+        print(f"{listed}\nharvester's two and the output's, P,N,OUT,REF: ", end="", file=sys.stderr)
+        nodes = sys.stdin.readline()
     stem = Path(file if is_stream(output) else output).stem
     name = re.sub(r"\W", "_", stem).lower()
-    converted = imported(text, name, _words(node_names), _words(remove), Path(file).name)
+    converted = imported(text, name, _words(nodes), _words(remove), Path(file).name)
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
     # Messages name the lines of the netlist, as the load is not written yet.
     lines = enumerate(converted.cards, start=1)
@@ -159,15 +162,6 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
 
 def _words(text):
     return [word.strip() for word in text.split(",") if word.strip()]
-
-
-def _asked(node_names):
-    """Ask at the terminal which nodes of the netlist are the harvester's."""
-    listed = f"nodes: {', '.join(node_names)}"
-    if not sys.stdin.isatty():
-        raise HarvesterError(f"--nodes P,N,OUT,REF: name the harvester's nodes; {listed}")
-    print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)
-    return sys.stdin.readline()
 
 
 def schematic(scene: Scene, *, output: File = "-") -> None:

@@ -108,7 +108,12 @@ class Command:
         scene = self._scene(values)
         if not self.returns_result:
             return self._call(scene, values)
-        _say_costs(scene)
+        if scene and scene.load.circuit:
+            from circuits.netlist.load_notes import following_notes
+
+            # How long a load that switches fast will take.
+            for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
+                say(note)
         places = {kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")}
         parameters = options_of(self.target)
         defaults = {name: option.default for name, option in parameters.items()}
@@ -185,7 +190,7 @@ class Command:
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.base.writing import write_text
-                from harvester.cli.report import page_of
+                from harvester.results.report import page_of
 
                 write_text(report, page_of(result, title))
                 say(f"written: {report}")
@@ -203,13 +208,3 @@ def named_after(scene: str, stem: str) -> str:
     if not again:
         return f"{scene}-{stem}"
     return f"{again[1]}-{int((again[2] or '-1')[1:]) + 1}"
-
-
-def _say_costs(scene):
-    """Print, before anything runs, how long a load that switches fast will take."""
-    if scene is None or scene.load.circuit is None:
-        return
-    from circuits.netlist.load_notes import following_notes
-
-    for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
-        say(note)

@@ -99,15 +99,21 @@ def new(
         harvester new beam.toml --from asymmetric
     """
     from harvester.base.writing import is_standard_output, write_text
+    from harvester.scene.source import BUILT_IN, built_in_names
 
     to_file = not is_standard_output(file)
-    if to_file:
-        _check_new(file)
+    if to_file and not file.endswith(".toml"):
+        # Without its ending it could be taken for a built-in scene's name.
+        raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
+    if to_file and os.path.lexists(file):
+        raise OutputError(f"{named(file)}: is there already, and stays; name a new file")
     asking = scene is None and all(
         stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)
     )
     name = scene or (_chosen() if asking else DEFAULT)
-    text = _copied(name)
+    check_name("built-in scene", name, built_in_names())
+    heading = "".join(f"# {line}\n" for line in [HEAD.format(name), *HINT.splitlines()])
+    text = f"{heading}\n" + (BUILT_IN / f"{name}.toml").read_text("utf-8")
     write_text(file, _answered(text, name) if asking else text)
     if to_file:
         from harvester.scene.described import device_line
@@ -116,23 +122,6 @@ def new(
         for line in device_line(Scene.read(file)):
             say(line)
         say(f"written: {file}; now try: harvester average {file}")
-
-
-def _check_new(file):
-    """Raise if the file exists already, or has the name of a built-in scene."""
-    if not file.endswith(".toml"):
-        raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
-    if os.path.lexists(file):
-        raise OutputError(f"{named(file)}: is there already, and stays; name a new file")
-
-
-def _copied(name):
-    """Text of a built-in scene under a new heading."""
-    from harvester.scene.source import BUILT_IN, built_in_names
-
-    check_name("built-in scene", name, built_in_names())
-    heading = "".join(f"# {line}\n" for line in [HEAD.format(name), *HINT.splitlines()])
-    return f"{heading}\n" + (BUILT_IN / f"{name}.toml").read_text("utf-8")
 
 
 def _chosen():

@@ -23,7 +23,15 @@ from docstring_parser import DocstringStyle, parse
 from harvester.base.errors import HarvesterError
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named
-from harvester.base.signatures import Kind, Option, Overrides, RunnerOptions, Seed, options_of
+from harvester.base.signatures import (
+    BY_TYPE,
+    Kind,
+    Option,
+    Overrides,
+    RunnerOptions,
+    Seed,
+    options_of,
+)
 
 SCENE_HELP = "A TOML file or the name of a built-in scene."
 SET_HELP = "Override a value of the scene; TABLE=none removes a table."
@@ -116,8 +124,8 @@ def _reader(option):
     kind = option.kind
     # No suffixes for a time, since 5m may mean five minutes.
     real = float if kind.metavar == "SECONDS" else number
-    by_type = {int: (int, "a whole number"), float: (real, "a number")}
-    usual_read, usual = by_type.get(option.type, (str, "a text"))
+    usual_read = {int: int, float: real}.get(option.type, str)
+    required = kind.required or BY_TYPE.get(option.type, BY_TYPE[str])[0]
     convert: Callable[[Any], Any] = kind.read or usual_read
 
     def read(hint: Any, tokens: Sequence[Token]) -> Any:
@@ -138,8 +146,7 @@ def _reader(option):
             except (ValueError, LookupError) as error:
                 reason = f" ({error})" if isinstance(error, NotANumber) else ""
                 raise HarvesterError(
-                    f"{option.spelling} {named(' '.join(words))}: must be "
-                    f"{kind.required or usual}{reason}"
+                    f"{option.spelling} {named(' '.join(words))}: must be {required}{reason}"
                 ) from None
         value = kind.join(values, option.spelling) if kind.join else values[-1]
         option.check(value)

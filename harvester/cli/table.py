@@ -55,9 +55,7 @@ GROUPS = {
         Command("harvester.cli.new:schema"),
         Command("harvester.cli.beam:beam", title="from its drawing"),
         Command("harvester:frequency_response"),
-        Command(
-            "harvester:spectrum", title=lambda result: f"spectrum of {result.name}", stem="spectrum"
-        ),
+        Command("harvester:spectrum", title=lambda result: f"spectrum of {result.name}"),
         Command("harvester:basins", title=lambda result: f"orbits of {result.scene.name}"),
         Command(
             "harvester:bifurcation",

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from harvester.base.compilation import overload, register_jitable, types
+from harvester.base import compilation
+from harvester.base.compilation import overload, register_jitable
 from harvester.base.registry import Registry
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
@@ -77,7 +78,7 @@ def one_reaction(
 
 def _of_one_sort(contacts):
     """Whether several contacts share one type: a loop is then compiled once, however many."""
-    return isinstance(contacts, types.UniTuple) and len(contacts) > 2
+    return isinstance(contacts, compilation.types.UniTuple) and len(contacts) > 2
 
 
 def reaction(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from harvester.base.compilation import overload, types
+from harvester.base import compilation
 
 # A float or an array of any shape; the result of an equation is of the same kind. No type checker
 # can express this for compiled functions.
@@ -27,9 +27,9 @@ def equation(name: str) -> Callable:
     def call(part, *arguments):
         return getattr(part, name)(*arguments)
 
-    @overload(call, strict=False)
+    @compilation.overload(call, strict=False)
     def choose(part, *arguments):
-        if not isinstance(part, types.BaseNamedTuple):
+        if not isinstance(part, compilation.types.BaseNamedTuple):
             return None
         return getattr(part.instance_class, name)
 

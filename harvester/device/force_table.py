@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harvester.base.compilation import intrinsic, overload, types
+from harvester.base import compilation
+from harvester.base.compilation import overload
 from harvester.device.dispatch import Values
 
 MOST_PIECES = 32
@@ -358,10 +359,11 @@ def bends_cubed(sides: tuple, offsets: tuple, cubes: tuple, fourths: tuple, x: V
     return _bent(sides, offsets, cubes, fourths, x, 3)
 
 
+@functools.cache
 def _sum_of_terms(power):
     """Sum of the terms as unrolled LLVM instructions: a loop would prevent vectorization."""
 
-    @intrinsic
+    @compilation.intrinsic
     def summed(
         typing_context: Any, sides: Any, offsets: Any, firsts: Any, seconds: Any, x: Any
     ) -> Any:
@@ -380,19 +382,19 @@ def _sum_of_terms(power):
                 total = builder.fadd(total, term)
             return total
 
-        return types.float64(*rows, types.float64), code
+        float64 = compilation.types.float64
+        return float64(*rows, float64), code
 
     return summed
 
 
-_squared, _cubed = _sum_of_terms(2), _sum_of_terms(3)
-
-
 @overload(bends_squared)
 def _bends_squared(sides, offsets, squares, cubes, x):
-    return lambda sides, offsets, squares, cubes, x: _squared(sides, offsets, squares, cubes, x)
+    summed = _sum_of_terms(2)
+    return lambda sides, offsets, squares, cubes, x: summed(sides, offsets, squares, cubes, x)
 
 
 @overload(bends_cubed)
 def _bends_cubed(sides, offsets, cubes, fourths, x):
-    return lambda sides, offsets, cubes, fourths, x: _cubed(sides, offsets, cubes, fourths, x)
+    summed = _sum_of_terms(3)
+    return lambda sides, offsets, cubes, fourths, x: summed(sides, offsets, cubes, fourths, x)

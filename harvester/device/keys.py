@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
-from harvester.base.numbers import NotANumber, is_real, number
+from harvester.base.numbers import NotANumber, is_real, number, on_quotes
 from harvester.base.plain_text import named, nearest, shown
 
 Declared = TypeVar("Declared", bound="Table")
@@ -195,6 +195,13 @@ class Table:
     UNITS: ClassVar[tuple[str, ...]] = ()
     ALTERNATIVES: ClassVar[tuple[OneOf, ...]] = ()
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            names = type(self).__dataclass_fields__
+            hint = nearest(name, names) or f"; there are {', '.join(names)}"
+            raise AttributeError(f"{type(self).__name__}: no {name}{hint}")
+
 
 @dataclass_transform(frozen_default=True)
 def table(cls: type[Declared]) -> type[Declared]:
@@ -280,7 +287,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
         except NotANumber as reason:
             refuse(f": {reason}")
     if not is_real(value):
-        refuse()
+        refuse(on_quotes(value))
     if spec.kind is int and not isinstance(value, int):
         refuse()
     too_low = value < spec.low or (value == spec.low and not spec.low_allowed)

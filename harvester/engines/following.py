@@ -14,7 +14,7 @@ from harvester.base.errors import HarvesterError, SimulationError, SolutionDiver
 from harvester.engines.methods import Engine, engine_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.paths import noise_path
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
 from harvester.statistics.attractors import Divergence, divergence, sizes_of
 from harvester.statistics.range_watch import leaves_range, with_range_watch
@@ -54,8 +54,8 @@ class Replayed(ExcitationPath):
         return self._samples[np.minimum(places, self._samples.size - 1)]
 
 
-def forced(scene: Scene, command: str) -> Scene:
-    """The scene with knots that divide its period, and without a start.
+def forced(scene: Scene, command: str) -> Prepared:
+    """The prepared scene with knots that divide its period, and no start of its own.
 
     Raises
     ------
@@ -74,19 +74,19 @@ def forced(scene: Scene, command: str) -> Scene:
             f'{scene.name}: excitation.kind = "{excitation.kind}": a prescribed motion has no '
             f'start to forget: {command} needs excitation.kind = "sine"'
         )
-    prepared_scene = prepared(_lasting(scene, excitation.period))
-    knots = FINER_KNOTS * math.ceil(excitation.period / knot_spacing(prepared_scene) - 1e-9)
+    prepared_scene = prepared(scene)
+    spacing = knot_spacing(_lasting(prepared_scene, excitation.period))
+    knots = FINER_KNOTS * math.ceil(excitation.period / spacing - 1e-9)
     excitation = replace(excitation, knot_spacing=excitation.period / knots)
-    return replace(scene, excitation=excitation, start=None)
+    return prepared_scene.replace(excitation=excitation, start=None)
 
 
-def _lasting(scene, seconds):
-    run = replace(scene.run, settle=0.0, duration=seconds, realizations=1, starts=None)
-    return replace(scene, run=run)
+def _lasting(prepared_scene, seconds):
+    return prepared_scene.with_run(settle=0.0, duration=seconds, realizations=1, starts=None)
 
 
 def follow(
-    scene: Scene,
+    prepared_scene: Prepared,
     engine: str,
     step: str | float,
     starts: list,
@@ -99,8 +99,8 @@ def follow(
 
     Parameters
     ----------
-    scene : Scene
-        A scene as returned by `forced`.
+    prepared_scene : Prepared
+        As returned by `forced`.
     engine, step, settings
         The engine's name, its step, and the options that differ from their defaults.
     starts : list of [float, float, float]
@@ -114,9 +114,8 @@ def follow(
         Columns as in `harvester.statistics.stroboscope`; infinite where a start leaves the
         range of the spring, −infinite where it diverges.
     """
-    period = float(scene.excitation.period)  # type: ignore[arg-type]
-    lasting = _lasting(scene, periods * period)
-    prepared_scene = prepared(lasting)
+    period = float(prepared_scene.scene.excitation.period)  # type: ignore[arg-type]
+    prepared_scene = _lasting(prepared_scene, periods * period)
     chosen = engine_of(engine, step=step, **settings or {})
     spacing = knot_spacing(prepared_scene)
     samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)

@@ -14,6 +14,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real
 from harvester.base.registry import Registry
+from harvester.base.signatures import Share
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -27,7 +28,7 @@ DEVICES = ("automatic", "behavioural", "compiled")
 class Engine(Method):
     """One way to simulate realizations of a scene, in a worker process.
 
-    Each method imports its engine when it is called, so that SPICE is loaded only if needed.
+    `simulator` imports its module when it is called: what needs no SPICE loads none.
 
     Attributes
     ----------
@@ -65,10 +66,15 @@ class Engine(Method):
         """Refuse a scene that the engine does not take, before anything runs."""
 
     @abstractmethod
+    def simulator(self, scene: Scene) -> Any:
+        """The module whose `prepare` and `run_realizations` do the work, the latter given this
+        object first.
+        """
+
     def prepare(self, prepared_scene: Prepared) -> None:
         """Load libraries and compiled code, so that they do not count as simulation."""
+        self.simulator(prepared_scene.scene).prepare(prepared_scene)
 
-    @abstractmethod
     def run_realizations(
         self,
         prepared_scene: Prepared,
@@ -91,7 +97,14 @@ class Engine(Method):
         -------
         dict
             engine_version, netlist_sha256.
+
+        Raises
+        ------
+        SimulationError, NetlistError, EngineNotFound
         """
+        return self.simulator(prepared_scene.scene).run_realizations(
+            self, prepared_scene, paths, starts, observers, outputs
+        )
 
 
 @dataclass(frozen=True)
@@ -126,7 +139,7 @@ class Circuit(Engine):
     source: str = "external"
     device: str = "automatic"
     copies: int | None = None
-    tolerance: float | None = None
+    tolerance: Share | None = None
     gmin: float = 0.0
     cshunt: float = 0.0
     ramp: float = 0.0
@@ -157,28 +170,11 @@ class Circuit(Engine):
         if (self.copies or 1) > 1 and not (scene.load.is_resistor and self.source == "external"):
             raise _no_copies(self.copies)
 
-    def prepare(self, prepared_scene: Prepared) -> None:
+    def simulator(self, scene: Scene) -> Any:
         """See `Engine`."""
         from circuits.ngspice import engine
 
-        engine.prepare(prepared_scene)
-
-    def run_realizations(
-        self,
-        prepared_scene: Prepared,
-        paths: list,
-        starts: list,
-        observers: list,
-        outputs: list | None = None,
-    ) -> dict[str, Any]:
-        """See `Engine`."""
-        from circuits.ngspice import engine
-
-        return engine.run_realizations(
-            prepared_scene, paths, starts, observers, self.step, self.source, self.scheme,
-            self.tolerance, self.device, outputs, {"gmin": self.gmin, "cshunt": self.cshunt},
-            self.ramp,
-        )  # fmt: skip
+        return engine
 
 
 @dataclass(frozen=True)
@@ -203,35 +199,19 @@ class MonteCarlo(Engine):
 
         require_mass(scene, "Monte Carlo")
         if not scene.load.is_resistor:
-            _integrator(scene).circuit_of(prepared(scene))
+            from circuits.kernel.assembly import collect
 
-    def prepare(self, prepared_scene: Prepared) -> None:
-        """See `Engine`."""
-        _integrator(prepared_scene.scene).prepare(prepared_scene)
+            collect(prepared(scene))
 
-    def run_realizations(
-        self,
-        prepared_scene: Prepared,
-        paths: list,
-        starts: list,
-        observers: list,
-        outputs: list | None = None,
-    ) -> dict[str, Any]:
-        """See `Engine`."""
-        return _integrator(prepared_scene.scene).run_realizations(
-            prepared_scene, paths, starts, observers, self.step, self.scheme, outputs
-        )
+    def simulator(self, scene: Scene) -> Any:
+        """The loop for a resistor as load, or the one for a netlist."""
+        if scene.load.is_resistor:
+            from harvester.engines.monte_carlo import engine as resistor
 
+            return resistor
+        from circuits.kernel import engine as netlist
 
-def _integrator(scene: Scene) -> Any:
-    """Monte Carlo's loop for a resistor as load, or the one for a netlist."""
-    if scene.load.is_resistor:
-        from harvester.engines.monte_carlo import engine as resistor
-
-        return resistor
-    from circuits.kernel import engine as netlist
-
-    return netlist
+        return netlist
 
 
 ENGINES: Registry[type[Engine]] = Registry(
@@ -250,6 +230,13 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     if isinstance(method, Engine):
         return method.check_options_agree(options, DEFAULTS)
     _check_options(options)
+    from harvester.averaging.closures import CLOSURES
+
+    if isinstance(method, Stationary) or method in CLOSURES:
+        raise HarvesterError(
+            f"method {method}: is a closure, which does not simulate: it is for average, sweep, "
+            f"load_study and optimum; here there are {', '.join(ENGINES)}"
+        )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])
@@ -285,11 +272,9 @@ def check_step(step: str | float) -> str | float:
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
-    """Raise if a name is an option of no engine."""
-    check_step(options.get("step", "default"))
-    check_name("source", options.get("source", "external"), SOURCES)
-    check_name("device", options.get("device", "automatic"), DEVICES)
-    _check_number_of_copies(options.get("copies"))
+    """Refuse what is no option of any engine, whichever is named: the circuit has them all."""
+    stated = {name: options.get(name) for name in ("step", "source", "device", "copies")}
+    Circuit().with_options(stated)
 
 
 def _check_number_of_copies(copies: int | None) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import Literal
 
+from harvester.base.arguments import check_processes, checked_progress
 from harvester.base.errors import HarvesterError
 from harvester.base.libraries import optional_library
-from harvester.base.signatures import Count, RunnerOptions, Seconds, check_options
+from harvester.base.signatures import Count, Folder, RunnerOptions, Seconds, check_options
 from harvester.base.worker_pool import ExecutorPool, WorkerPool, processes
 from harvester.engines.folder import held
 from harvester.engines.runner import Runner
@@ -23,7 +23,7 @@ __all__ = ["RunnerOptions", "open_runner"]
 
 @contextlib.contextmanager
 def open_runner(
-    output: str | os.PathLike | None = None,
+    output: Folder | None = None,
     *,
     workers: Count | None = None,
     executor: Executor | WorkerPool | ExecutorPool | None = None,
@@ -63,17 +63,19 @@ def open_runner(
     FolderInUse
         Another run is at work in the folder.
     """
+    check_processes({"executor": executor, "runner": runner})
     if runner is not None:
         yield runner
         return
-    limits = {"workers": workers, "time_budget": time_budget, "time_limit": time_limit}
-    check_options(open_runner, limits)
+    options = {"workers": workers, "time_budget": time_budget, "time_limit": time_limit}
+    check_options(open_runner, {**options, "output": output, "scheduler": scheduler})
+    report = checked_progress(progress) if progress else None
     deadline = time.monotonic() + time_budget if time_budget else math.inf
     with (
         held(output) if output else contextlib.nullcontext() as folder,
         _pool(workers, executor, scheduler) as pool,
     ):
-        yield Runner(pool, folder, deadline, time_limit, progress or None)
+        yield Runner(pool, folder, deadline, time_limit, report)
 
 
 @contextlib.contextmanager
@@ -87,6 +89,6 @@ def _pool(workers, executor, scheduler):
     try:
         client = distributed.Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
-        raise HarvesterError(f"--scheduler {scheduler}: {error}") from None
+        raise HarvesterError(f"scheduler {scheduler}: {error}") from None
     with client:
         yield ExecutorPool(client.get_executor(pure=False))

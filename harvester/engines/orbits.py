@@ -62,14 +62,6 @@ SAME_POWER = 1e-3
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
 
-def several_starts(prepared_scene: Prepared) -> bool:
-    """Whether realizations differ by their starts alone."""
-    excitation = prepared_scene.scene.excitation
-    if excitation.random or excitation.prescribes_displacement:
-        return False
-    return distinct_realizations(prepared_scene) > 1
-
-
 def attractors(
     prepared_scene: Prepared,
     engine: Engine,
@@ -285,13 +277,16 @@ def _alone(prepared_scene, count):
 def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     """The largest Lyapunov exponent of one motion; None where a neighbour could not be followed."""
     finer = forced(scene, "a Lyapunov exponent")
-    begin, scale = neighbours(finer, samples, starts, members)
-    calls = calls_of(finer, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)
+    begin, scale = neighbours(finer.scene, samples, starts, members)
+    calls = calls_of(finer.scene, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)
+    for call in calls:
+        call["prepared_scene"] = finer
+        del call["scene"]
     most = max(len(call["starts"]) for call in calls)
     samples_of_calls = pool.map(follow, calls, most * time_limit, None, True)
     if any(isinstance(sample, SimulationError) for sample in samples_of_calls):
         return None
-    return exponent_of(finer, np.concatenate(samples_of_calls), scale)
+    return exponent_of(finer.scene, np.concatenate(samples_of_calls), scale)
 
 
 def _attractor(

@@ -195,7 +195,7 @@ def checked(result: Result) -> Result:
         raise EnergyNotBalanced(
             f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
             f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
-            f"{suspected_cause(result)}; if that is not the cause, choose --step fine or finest",
+            f"{suspected_cause(result)}; if that is not the cause, choose step = fine or finest",
             partial=result,
         )
     if residual <= NOTED_RESIDUAL:

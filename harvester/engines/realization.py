@@ -10,7 +10,6 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from harvester.base.errors import LoadError, SimulationError
 from harvester.device import timescales
@@ -18,8 +17,8 @@ from harvester.device.record import Record
 from harvester.engines.methods import Engine, MonteCarlo
 from harvester.engines.retries import run_converged
 from harvester.excitation.sum import common_period
-from harvester.scene.paths import noise_path, start_state
-from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.paths import noise_path, several_starts, start_state
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, step_error, steps_per_sample, stop_time
 from harvester.statistics.batch_means import KNOTS_PER_HISTOGRAM_SAMPLE, batch_counts
 from harvester.statistics.joint import JointHistogram
@@ -37,7 +36,6 @@ from harvester.statistics.stroboscope import Stroboscope, strobe_times
 
 if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
-    from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
 # A transient is resolved if its energies, in this number of parts of the run, change by less than
@@ -51,7 +49,7 @@ PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
 NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
 UNKNOWN_SPREAD = (
     "whether the path is chaotic is not known, as a run with a slightly different excitation "
-    "failed: compare with --step fine"
+    "failed: compare with step = fine"
 )
 
 
@@ -181,14 +179,14 @@ class Reporter:
 
 
 def run(
-    scene: Scene,
+    prepared_scene: Prepared,
     engine: Engine,
     indices: Sequence[int],
     window: tuple[float, float] | None,
     report: Callable,
     joint_density: bool = False,
     stretch: WaveformWindow | None = None,
-    stroboscope: bool = False,
+    stroboscope: bool | None = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
@@ -201,9 +199,11 @@ def run(
     report : callable
         Called with the list of moments so far.
     joint_density, stroboscope : bool
-        See `harvester.simulate`.
+        See `harvester.simulate`; of the stroboscope None: where starts may reach several motions.
     """
-    prepared_scene = prepared(scene)
+    scene = prepared_scene.scene
+    if stroboscope is None:
+        stroboscope = several_starts(prepared_scene)
     perturbations = _perturbations(prepared_scene, engine)
     together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
     idle = perturbations if together else ()
@@ -284,6 +284,8 @@ def _spread(ensemble):
     The first run and the true path are both draws from the ensemble, hence √2. Student's quantile
     for 95 % replaces the normal one.
     """
+    from scipy.special import stdtrit
+
     rows = slice(1, QUANTITIES.index("loss_power") + 1)
     sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
     if ensemble[0].has_output:
@@ -426,9 +428,9 @@ def _probed(prepared_scene, probes):
     """The prepared scene with a load that hands the nodes of these probes out as well."""
     if not probes:
         return prepared_scene
-    scene = prepared_scene.scene
-    circuit = replace(scene.load.circuit, probes=tuple(_watched(probes)))
-    return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
+    load = prepared_scene.scene.load
+    load = replace(load, circuit=replace(load.circuit, probes=tuple(_watched(probes))))
+    return replace(prepared_scene, scene=replace(prepared_scene.scene, load=load))
 
 
 def _watched(probes):
@@ -462,12 +464,12 @@ def empty_moments(prepared_scene: Prepared) -> Moments:
     return moments
 
 
-def quantity_names(scene: Scene) -> tuple[str, ...]:
+def quantity_names(prepared_scene: Prepared) -> tuple[str, ...]:
     """Names of the quantities that an engine may give for a scene, without a run.
 
     They are the names of estimates from moments that are filled with ones.
     """
-    prepared_scene, load = prepared(scene), scene.load.circuit
+    load = prepared_scene.scene.load.circuit
     moments = empty_moments(prepared_scene)
     if load:
         moments.output = OutputMoments.beside(moments, load.recorded, load.has_output)

@@ -16,11 +16,12 @@ from harvester.device import timescales
 from harvester.device.record import Record
 from harvester.engines import side_by_side
 from harvester.engines.methods import Circuit, Engine, engine_of
-from harvester.engines.orbits import SAMPLES, several_starts, with_orbit
+from harvester.engines.orbits import SAMPLES, with_orbit
 from harvester.engines.realization import empty_moments, run
 from harvester.engines.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.paths import several_starts
+from harvester.scene.prepared import Prepared
 from harvester.scene.units import Scales
 from harvester.statistics.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
 from harvester.statistics.estimate import Estimate
@@ -31,13 +32,16 @@ from harvester.statistics.output_moments import OutputMoments
 REALIZATIONS_TOGETHER = 8
 # Periods of small oscillations, and evenly spaced points, of a waveform.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
+# What the scene alone determines of stored moments, and of their jumps between wells.
+TIMES = ("start", "batch_length", "free", "saddles", "sample_interval")
+WELLS = ("start", "batch_length", "saddles", "limits", "ends", "energies")
 # From this number of realizations on each has the fewest batches. The number of realizations is
 # then no part of the tasks' names, so that a longer run continues a shorter one.
 MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
 def realizations(
-    scene: Scene,
+    prepared_scene: Prepared,
     method: str,
     indices: list[int],
     step: str | float,
@@ -61,34 +65,40 @@ def realizations(
         last samples of each where starts may reach several motions, or None; `seconds` of one core.
     """
     clock = time.process_time()
-    window = _window(scene) if waveform else None
+    timing = prepared_scene.scene.run
+    shown = min(periods_of(prepared_scene), timing.duration)
+    window = (timing.settle, timing.settle + shown) if waveform else None
     solutions = run(
-        scene,
+        prepared_scene,
         engine_of(method, step=step, **settings or {}),
         indices,
         window,
         report,
-        stroboscope=several_starts(prepared(scene)),
+        stroboscope=None,
     )
     moments = [solution.moments for solution in solutions]
     samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
-    shown, columns = None, solutions[0].waveform
+    points, columns = None, solutions[0].waveform
     if columns is not None:
         times = np.linspace(columns.time[0], columns.time[-1], WAVEFORM_POINTS)
-        shown = np.array([np.interp(times, columns.time, column) for column in columns])
+        points = np.array([np.interp(times, columns.time, column) for column in columns])
     return {
         "moments": moments,
-        "waveform": shown,
+        "waveform": points,
         "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
         "seconds": time.process_time() - clock,
     }
 
 
 def averages(
-    scene: Scene, closure: str, tolerance: float | None, density: bool, report: Callable
+    prepared_scene: Prepared,
+    closure: str,
+    tolerance: float | None,
+    density: bool,
+    report: Callable,
 ) -> dict[str, Any]:
     """A scene by a closure, in a worker process.
 
@@ -99,11 +109,11 @@ def averages(
 
     clock = time.process_time()
     if density:
-        result = average(scene, method=closure, tolerance=tolerance)
+        result = average(prepared_scene.scene, method=closure, tolerance=tolerance)
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        quantities, shape = estimates_of(averages_of(scene, closure, tolerance)), None
+        quantities, shape = estimates_of(averages_of(prepared_scene, closure, tolerance)), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -114,7 +124,7 @@ class Realizations:
 
     Attributes
     ----------
-    scene
+    prepared_scene
         Its number of realizations only sets the number of batches of each.
     size
         Of a task.
@@ -124,7 +134,7 @@ class Realizations:
         Whether histograms, and the beginning of the first realization, are kept.
     """
 
-    scene: Scene
+    prepared_scene: Prepared
     method: Engine
     size: int
     version: str = ""
@@ -134,16 +144,17 @@ class Realizations:
     @classmethod
     def of(
         cls,
-        scene: Scene,
+        prepared_scene: Prepared,
         method: Engine,
         version: str = "",
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
         """The realizations of a scene. Several form a task if that costs less."""
-        size = min(_together(scene, method), scene.run.realizations)
-        scene = with_orbit(scene)
-        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
+        scene = with_orbit(prepared_scene.scene)
+        size = min(_together(prepared_scene, method), scene.run.realizations)
+        batches = min(scene.run.realizations, MANY_REALIZATIONS)
+        many = prepared_scene.with_run(realizations=batches, orbit=scene.run.orbit)
         return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
@@ -167,12 +178,12 @@ class Realizations:
             return "its waveform has another shape"
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
-        if several_starts(prepared(self.scene)) and len(found["stroboscope"]) != len(indices):
+        if several_starts(self.prepared_scene) and len(found["stroboscope"]) != len(indices):
             return "its stroboscopic samples are of another number of realizations"
-        load = self.scene.load.circuit
+        scene = self.prepared_scene.scene
+        load = scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
-        fit = all(_fits(m, self._template, rows, self.density) for m in moments)
-        fit &= all(_strain_fits(m.strain, self._template.strain, self.scene.beam) for m in moments)
+        fit = all(_fits(m, self._template, rows, scene.beam, self.density) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -180,7 +191,7 @@ class Realizations:
         waveform = self.waveform and start == 0
         misfit = partial(self.misfit, indices=indices, waveform=waveform)
         arguments = {
-            "scene": self.scene,
+            "scene": self.prepared_scene.scene,
             "indices": list(indices),
             "density": self.density,
             "waveform": waveform,
@@ -190,7 +201,7 @@ class Realizations:
 
     @cached_property
     def _template(self):
-        return empty_moments(prepared(self.scene))
+        return empty_moments(self.prepared_scene)
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
@@ -217,85 +228,55 @@ def _misfit_of_averages(found):
     return ""
 
 
-def _together(scene, method):
+def _together(prepared_scene, method):
     """Realizations in one task: several only where they cost less so."""
     if not isinstance(method, Circuit):
         return REALIZATIONS_TOGETHER
     shared = method.step, method.source, method.tolerance
     return method.copies or (
-        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared(scene), *shared) else 1
+        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared_scene, *shared) else 1
     )
 
 
-def _window(scene):
-    return scene.run.settle, scene.run.settle + min(periods_of(scene), scene.run.duration)
-
-
-def periods_of(scene: Scene) -> float:
+def periods_of(prepared_scene: Prepared) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
-    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
 
 
-def _fits(moments, template, rows, density):
+def _fits(moments, template, rows, beam, density):
     """Whether moments have the shapes and times that the scene gives them, and finite sums.
 
     `rows` are the measures of a load with an output, None of one without.
     """
-    same = ("start", "batch_length", "free", "saddles", "sample_interval")
-    shaped = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
-    if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
+    sums = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
+    if not _is_like(moments, template, TIMES, sums):
         return False
-    if not (_same_shapes(moments, template, shaped) and _finite(moments, shaped)):
-        return False
-    if not _jumps_fit(moments.jumps, template.jumps):
-        return False
-    output, integrals = moments.output, moments.integrals
-    if (rows is None) != (output is None):
-        return False
-    if output is not None:
-        expected, sums = OutputMoments.beside(moments, rows), ("integrals", "measured", "stored")
-        if output.rows != expected.rows or not _finite(output, sums):
-            return False
-        if not _same_shapes(output, expected, (*sums, "first", "latest", "passages")):
-            return False
+    output, strain = moments.output, moments.strain
+    expected = None if rows is None else OutputMoments.beside(moments, rows)
     squares = QUANTITIES.index("square_velocity") + 1
-    return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+    return bool(
+        (moments.integrals[:, :squares] >= 0.0).all()
+        and moments.integrals[:, 0].sum() > 0.0
+        and _is_like(moments.jumps, template.jumps, WELLS, ("times", "counts"), least=0.0)
+        and _is_like(output, expected, ("rows",), ("integrals", "measured", "stored"))
+        and _is_like(output, expected, shaped=("first", "latest", "passages"))
+        and _is_like(strain, template.strain, ("rows",), ("squares", "peaks"), least=0.0)
+        and (strain is None or _damage_fits(strain.damage, len(strain.squares), beam))
+    )
 
 
-def _same_shapes(stored, template, names):
-    return all(np.shape(getattr(stored, n)) == np.shape(getattr(template, n)) for n in names)
+def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
+    """Whether what was stored has the template's values, and the shapes of its finite sums."""
+    if stored is None or template is None:
+        return stored is template
+    values = {n: np.asarray(getattr(stored, n)) for n in (*same, *sums, *shaped)}
+    shapes = all(values[n].shape == np.shape(getattr(template, n)) for n in (*sums, *shaped))
+    finite = all((np.isfinite(values[n]) & (values[n] >= least)).all() for n in sums)
+    return shapes and finite and all(np.array_equal(values[n], getattr(template, n)) for n in same)
 
 
-def _finite(stored, names):
-    return all(np.isfinite(getattr(stored, name)).all() for name in names)
-
-
-def _jumps_fit(jumps, template):
-    """Whether stored jumps between wells have the shapes and finite values of the template."""
-    if jumps is None or template is None:
-        return jumps is template
-    counted = ("times", "counts")
-    for name in (attribute.name for attribute in dataclasses.fields(template)):
-        stored, expected = getattr(jumps, name), getattr(template, name)
-        if name in counted:
-            if (
-                np.shape(stored) != expected.shape
-                or not (np.isfinite(stored) & (stored >= 0.0)).all()
-            ):
-                return False
-        elif name not in ("well", "time") and not np.array_equal(stored, expected):
-            return False
-    return True
-
-
-def _strain_fits(strain, template, beam):
-    """Whether stored strain of a beam's layers fits the template, with finite values ≥ 0."""
-    if strain is None or template is None:
-        return strain is template
-    arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]
-    if (strain.damage is None) != (beam.fatigue_line is None):
-        return False
-    if strain.damage is not None:
-        arrays.append((strain.damage, template.squares[:, 0]))
-    shaped = all(np.shape(a) == b.shape and (np.isfinite(a) & (a >= 0.0)).all() for a, b in arrays)
-    return shaped and np.array_equal(strain.rows, template.rows)
+def _damage_fits(damage, batches, beam):
+    """Whether the stored damage is that of a beam with a line of Basquin, or of one without."""
+    if damage is None or beam.fatigue_line is None:
+        return damage is beam.fatigue_line
+    return np.shape(damage) == (batches,) and (np.isfinite(damage) & (damage >= 0.0)).all()

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 from harvester.averaging.method import Stationary
@@ -23,11 +24,11 @@ from harvester.engines.task import Wanted
 from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing, step_error
 from harvester.scene.units import Scales
 from harvester.statistics.densities import densities
-from harvester.statistics.estimate import Density, Estimate
+from harvester.statistics.estimate import Density, Estimate, with_roots
 from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.settling import unseen_jump
 
@@ -98,8 +99,8 @@ class Request:
         return isinstance(self.method, Stationary)
 
     @property
-    def cut_from(self) -> Scene:
-        """The scene of its tasks: the same for all requests that share realizations.
+    def cut_from(self) -> Prepared:
+        """The prepared scene of its tasks: the same for all requests that share realizations.
 
         Each realization is cut into as many batches as in a run of many realizations. If a request
         runs the scene's own number of realizations and that is small, each is cut into more.
@@ -108,7 +109,12 @@ class Request:
         count = (
             min(self.scene.run.realizations, MANY_REALIZATIONS) if unrefined else MANY_REALIZATIONS
         )
-        return replace(self.scene, run=replace(self.scene.run, realizations=count))
+        return self.prepared_scene.with_run(realizations=count)
+
+    @cached_property
+    def prepared_scene(self) -> Prepared:
+        """The prepared scene of the request."""
+        return prepared(self.scene)
 
     @property
     def first(self) -> int:
@@ -116,7 +122,7 @@ class Request:
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
         requested = self.realizations or self.scene.run.realizations
-        return distinct_realizations(prepared(self.scene), requested)
+        return distinct_realizations(self.prepared_scene, requested)
 
 
 @dataclass(frozen=True)
@@ -162,9 +168,14 @@ class Answer:
     density: Density | None = field(default=None, repr=False)
     moments: tuple = field(default=(), repr=False)
 
+    @cached_property
+    def prepared_scene(self) -> Prepared:
+        """The prepared scene of the answer."""
+        return prepared(self.scene)
+
     def in_units(self) -> dict[str, Estimate]:
-        """The quantities in the scene's units."""
-        return in_units(self.quantities, prepared(self.scene).scales)
+        """The quantities and the roots of mean squares, in the scene's units."""
+        return with_roots(in_units(self.quantities, self.prepared_scene.scales))
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -179,7 +190,7 @@ class Answer:
                 "simulated_time": self.simulated_time,
                 "seed": self.scene.run.seed,
                 "realizations": self.realizations,
-                "knot_spacing": knot_spacing(prepared(self.scene)),
+                "knot_spacing": knot_spacing(self.prepared_scene),
                 "energy_balance_residual": self.energy_balance_residual,
                 "misses_jumps": self.misses_jumps,
             }
@@ -220,7 +231,7 @@ def answering(
     cut = Realizations.of(request.cut_from, request.method, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     first = min(cut.whole(request.first), most)
-    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    cost = step_error(request.prepared_scene, request.method.step, request.method.name)
     aim = sampling_error_budget(request.precision, cost) if request.precision else None
 
     def judge(good, ended):
@@ -246,7 +257,7 @@ def note_on_steps(precision: float, step_error: float) -> str:
         return ""
     return (
         f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
-        "asked for: choose --step fine or finest"
+        "asked for: choose step = fine or finest"
     )
 
 
@@ -299,14 +310,16 @@ def relative_error(estimate: Estimate | None) -> float:
 
 def not_balanced(residual: float) -> EnergyNotBalanced:
     """The error of a run whose energy balance leaves this share."""
-    return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step")
+    return EnergyNotBalanced(
+        f"the energy balance leaves {abs(residual):.0%}: choose a shorter step"
+    )
 
 
 def residual_notes(residual: float) -> list[str]:
     """Notes on a residual of the energy balance."""
     if abs(residual) <= NOTED_RESIDUAL:
         return []
-    return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
+    return [f"energy balance residual {residual:.1%}: choose a shorter step"]
 
 
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
@@ -353,7 +366,7 @@ def _answer(request, good, ended, cost):
 
     `cost` is the share of a power that the steps may cost.
     """
-    prepared_scene, moments, orbits, on_orbits = followed(prepared(request.scene), good, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(request.prepared_scene, good, cost)
     scene, system = prepared_scene.scene, prepared_scene.system
     estimates = run_estimates(prepared_scene, moments, cost)
     if not abs(estimates.residual) <= LARGEST_RESIDUAL:
@@ -400,6 +413,7 @@ def _reached(request, scene, system, scaled):
     The latter is by which share of itself a single further jump between the wells would raise
     E[V²]; where it exceeds the precision, it counts as an error.
     """
+    scaled = with_roots(scaled)
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
         raise HarvesterError(

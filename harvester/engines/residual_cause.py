@@ -8,7 +8,6 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.scene.passband import misplacement
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_contact
 from harvester.statistics.balance import stored_change
 from harvester.statistics.moments import QUANTITIES
@@ -35,7 +34,7 @@ def suspected_cause(result: Result) -> str:
 
 def _causes(result):
     """Clauses on the causes that the evidence suggests, the most certain first."""
-    prepared_scene = prepared(result.scene)
+    prepared_scene = result.prepared_scene
     system, converter = prepared_scene.system, result.scaled_quantities.get("mean_converter_loss")
     # Integrals of each realization, and the change of its stored energy.
     sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
@@ -84,23 +83,23 @@ def _causes(result):
     if load and load.switches and beyond_steps:
         yield (
             "the load's switches, coils or sources ask for shorter steps than these; choose a "
-            "shorter --step"
+            "shorter step"
         )
     impacts, contact_time = totals["impacts"].sum(), timescales.contact_time(system)
     resolving = steps_per_contact(prepared_scene, result.step, result.engine)
     if impacts and not contact_time > resolving * result.step:
         yield (
             f"contacts: {impacts:.0f} of about {contact_time:.2g} s each, against "
-            f"steps of {result.step:.2g} s between them; choose a shorter --step"
+            f"steps of {result.step:.2g} s between them; choose a shorter step"
         )
     if not beyond_steps:
         yield (
             f"the step: {result.step:.2g} s is {fastest * result.step / (2.0 * np.pi):.2g} of the "
-            "fastest period; choose a shorter --step"
+            "fastest period; choose a shorter step"
         )
     yield (
         "neither load, contacts, step nor length of the run explains it: compare a run with "
-        "--step fine"
+        "step = fine"
     )
 
 

@@ -13,7 +13,7 @@ from functools import partial
 from harvester.base.errors import HarvesterError
 from harvester.base.worker_pool import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.engines.folder import StudyFolder
-from harvester.engines.progress import Progress
+from harvester.engines.progress import Progress, Stages
 from harvester.engines.request import Answer, Request, answering
 from harvester.engines.simulate import TIME_LIMIT
 from harvester.engines.store import MISSING, AnswerStore
@@ -62,11 +62,12 @@ class Runner:
         self._circuit = ""
 
     @contextlib.contextmanager
-    def reporting_to(self, progress: Callable[[float, str], object]) -> Iterator[None]:
-        """Within the block, report the share done of each list of tasks to this function alone."""
-        former, self._progress.report = self._progress.report, progress
+    def in_stages(self) -> Iterator[Stages]:
+        """Within the block each list of tasks is a stage, which `begin` of the value names."""
+        former = self._progress.report
+        self._progress.report = stages = Stages(former)
         try:
-            yield
+            yield stages
         finally:
             self._progress.report = former
 

@@ -138,7 +138,8 @@ def simulate(
 
         return average(scene, method=method.check_options_agree(options, DEFAULTS))
     from harvester.engines import outcome, spread
-    from harvester.engines.orbits import attractors, several_starts
+    from harvester.engines.orbits import attractors
+    from harvester.scene.paths import several_starts
     from harvester.scene.prepared import prepared
     from harvester.statistics.range_watch import leaves_range
 
@@ -152,12 +153,10 @@ def simulate(
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
             several = several_starts(prepared_scene)
-            strobe = stroboscope or several
-            together = spread.optimal_batch_size(prepared_scene, engine, pool)
-            calls = spread.calls_of(
-                prepared_scene, engine, together, stretch, joint_density, strobe
-            )
-            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
+            outcomes = spread.outcomes(
+                prepared_scene, engine, pool, time_limit, follow, keep_going or several, stretch,
+                joint_density=joint_density, stroboscope=stroboscope or several,
+            )  # fmt: skip
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
             lost = {
@@ -180,11 +179,8 @@ def simulate(
 def require_paths(scene: Scene, command: str) -> None:
     """Refuse excitations without as many independent paths as a command may ask for."""
     if not scene.excitation.endless:
-        raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
-            'unlimited number of independent paths: set excitation.kind = "spectrum" (harvester '
-            'spectrum makes one of a record) or "ornstein-uhlenbeck"'
-        )
+        spectrum = '"spectrum" (harvester spectrum makes one of a record) or '
+        raise _too_few_paths(scene, command, spectrum)
 
 
 def require_noise(scene: Scene, command: str) -> None:
@@ -192,7 +188,11 @@ def require_noise(scene: Scene, command: str) -> None:
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):
-        raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
-            'unlimited number of independent paths: set excitation.kind = "ornstein-uhlenbeck"'
-        )
+        raise _too_few_paths(scene, command)
+
+
+def _too_few_paths(scene, command, others=""):
+    return HarvesterError(
+        f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an unlimited '
+        f'number of independent paths: set excitation.kind = {others}"ornstein-uhlenbeck"'
+    )

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError, LoadError, SimulationError
@@ -66,30 +66,6 @@ def _device_used(prepared_scene, device, report):
     return device_used(prepared_scene, device, report)
 
 
-def calls_of(
-    prepared_scene: Prepared,
-    engine: Engine,
-    copies: int,
-    stretch: WaveformWindow | None,
-    joint_density: bool,
-    stroboscope: bool = False,
-) -> list[dict[str, Any]]:
-    """Arguments of `harvester.engines.realization.run`, `copies` realizations in each."""
-    indices = range(distinct_realizations(prepared_scene))
-    return [
-        {
-            "scene": prepared_scene.scene,
-            "engine": engine,
-            "indices": list(indices[start : start + copies]),
-            "window": None,
-            "stretch": stretch if start == 0 else None,
-            "joint_density": joint_density,
-            "stroboscope": stroboscope,
-        }
-        for start in range(0, len(indices), copies)
-    ]
-
-
 def stretch_of(
     prepared_scene: Prepared, window: Sequence[float] | str | None, nodes: Sequence[str]
 ) -> WaveformWindow:
@@ -127,29 +103,38 @@ def stretch_of(
 
 
 def outcomes(
+    prepared_scene: Prepared,
+    engine: Engine,
     pool: Workers,
-    calls: list[dict[str, Any]],
     time_limit: float,
     follow: Callable | None,
     keep_going: bool,
+    stretch: WaveformWindow,
+    **kept: bool,
 ) -> list[Realization | SimulationError]:
     """A Realization or its SimulationError, for every realization in order.
 
-    Realizations that failed together are tried again one by one. Raises SimulationError if one
-    failed and nothing keeps going, or if all failed.
+    Realizations that failed together are tried again one by one. `kept` are `joint_density` and
+    `stroboscope` of `simulate`. Raises SimulationError if one failed and nothing keeps going, or if
+    all failed.
     """
-    most = max(len(call["indices"]) for call in calls)
+    count = distinct_realizations(prepared_scene)
+    most = min(optimal_batch_size(prepared_scene, engine, pool), count)
+    options = {"prepared_scene": prepared_scene, "engine": engine, "window": None, **kept}
+
+    def call(*indices):
+        return {**options, "indices": [*indices], "stretch": None if indices[0] else stretch}
+
+    calls = [call(*range(first, min(first + most, count))) for first in range(0, count, most)]
     by_number: dict[int, Realization | SimulationError] = {}
     together = pool.map(run, calls, most * time_limit, follow, keep_going)
-    for call, outcome in zip(calls, together, strict=True):
+    for batch, outcome in zip(calls, together, strict=True):
         if isinstance(outcome, SimulationError):
-            outcome = [outcome] * len(call["indices"])
-        by_number.update(zip(call["indices"], outcome, strict=True))
+            outcome = [outcome] * len(batch["indices"])
+        by_number.update(zip(batch["indices"], outcome, strict=True))
     if most > 1:
         again = [k for k, outcome in by_number.items() if isinstance(outcome, SimulationError)]
-        # The first realization has the waveform, whether it ran with others or alone.
-        single = [{**calls[0], "indices": [k]} | ({"stretch": None} if k else {}) for k in again]
-        alone = pool.map(run, single, time_limit, None, keep_going)
+        alone = pool.map(run, [*map(call, again)], time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
             by_number[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
     in_order = [by_number[index] for index in sorted(by_number)]

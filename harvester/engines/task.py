@@ -19,6 +19,7 @@ from harvester.base.errors import (
     SimulationError,
 )
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.version import __version__
 
 # Version of the stored answers. Raising it makes all older ones invalid.
@@ -38,7 +39,8 @@ class Task:
         reports a share of 0 … 1 or the moments of its realizations so far; returns
         values that `harvester.engines.codec` supports, and raises a HarvesterError if it fails.
     arguments
-        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
+        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these. The function
+        is given the scene `scene` as `prepared_scene`, prepared.
     version
         Version of the computing program, besides this package.
     label
@@ -82,6 +84,9 @@ def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> 
     """One task, in a worker process: (its answer or the error that it ended with, seconds)."""
     clock = time.perf_counter()
     try:
+        if "scene" in arguments:
+            arguments = {**arguments, "prepared_scene": prepared(arguments["scene"])}
+            del arguments["scene"]
         answer = function(report=lambda latest: report(_share(latest)), **arguments)
     except OF_THE_MACHINE:
         raise

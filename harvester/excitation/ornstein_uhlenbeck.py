@@ -10,7 +10,6 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import OneOf, positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
-from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -69,6 +68,8 @@ class OrnsteinUhlenbeck(Excitation):
         between knots, which lowers the variance averaged over time by about spacing/(3 τ1) of
         itself (`interpolation_loss`).
         """
+        from harvester.excitation.correlated_normals import NormalPath
+
         deviation = math.sqrt(self.intensity / length**2 / self.correlation_time)
         return NormalPath(seed, deviation, spacing / self.correlation_time, spacing)
 

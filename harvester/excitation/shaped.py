@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.excitation.base import ExcitationPath, child_seed
-from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -114,6 +113,8 @@ class ShapedPath(ExcitationPath):
         burst_time: float = math.inf,
         factor: float = 1.0,
     ) -> None:
+        from harvester.excitation.correlated_normals import NormalPath
+
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
         self._white = NormalPath(child_seed(seed, 0), factor)

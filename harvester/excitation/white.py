@@ -10,7 +10,6 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss, knots
-from harvester.excitation.correlated_normals import NormalPath
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -52,6 +51,8 @@ class White(Excitation):
         return np.full(np.shape(frequencies), 4.0 * self.intensity)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
+        from harvester.excitation.correlated_normals import NormalPath
+
         deviation = math.sqrt(2.0 * (self.intensity / length**2) / spacing)
         return NormalPath(seed, deviation, spacing=spacing)
 

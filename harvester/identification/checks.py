@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor
@@ -32,23 +31,52 @@ SMALLEST_BAND_SHARE = 1e-4
 RINGING_DOWN = 0.5
 
 
-def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
-    """Refuse a scene or a record that cannot be fitted.
+def check_impedance_alone(
+    determined: Sequence[str], aside: Sequence[Any], free: Sequence[str] | None
+) -> None:
+    """Raise IdentificationError for what an impedance without a record neither fits nor predicts.
+
+    Parameters
+    ----------
+    determined : sequence of str
+        Keys of the values that the impedance determines.
+    """
+    if aside:
+        raise IdentificationError(
+            "--keep-aside: an impedance alone cannot predict a record: give a record to fit too "
+            "(--record)"
+        )
+    if free is not None:
+        raise IdentificationError(
+            f"--free: an impedance alone determines {', '.join(determined)}, and no others: leave "
+            "--free out, or give a record too (--record)"
+        )
+
+
+def check_records(
+    scene: Scene,
+    measurements: Sequence[Measurement | MeasuredResponse],
+    aside: Sequence[Measurement | MeasuredResponse],
+) -> None:
+    """Refuse a scene or a record that cannot be fitted, or predicted if it is kept aside.
 
     Raises
     ------
     IdentificationError
-        A record is too short, too coarse, or without excitation in the band of the motion.
+        A record is too short, too coarse, or without excitation in the band of the motion; or a
+        record kept aside is a response, or frees what no record can free.
     LoadError
         The load is no resistor, or the displacement is prescribed.
     """
-    require_resistor(scene, "identify")
     if not measurements:
         raise IdentificationError(
-            "--record: name at least one measured record, or an impedance by --impedance"
+            "--record: none is given, and records kept aside are not fitted: name at least one "
+            "record to fit, or an impedance by --impedance"
         )
+    _check_kept_aside(scene, measurements, aside)
+    require_resistor(scene, "identify")
     shared = set(measurements[0].sensed)
-    for record in measurements:
+    for record in [*measurements, *aside]:
         require_resistor(scene.replace(record.changes), "identify")
         if record.sensed and not shared & set(record.sensed):
             raise IdentificationError(
@@ -81,12 +109,8 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
             )
 
 
-def check_kept_aside(
-    scene: Scene,
-    fitted: Sequence[Measurement | MeasuredResponse],
-    aside: Sequence[Measurement | MeasuredResponse],
-) -> None:
-    """Raise IdentificationError for validation responses, and for keys that no record can free."""
+def _check_kept_aside(scene, fitted, aside):
+    """Refuse responses kept aside, and keys that no record can free."""
     names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
     if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
         raise IdentificationError(
@@ -114,7 +138,7 @@ def check_kept_aside(
 
 
 def _check_record(record):
-    median, _ = frequencies(record)
+    median, _ = record.frequencies
     periods, per_period = median * record.duration, record.sampling_rate / median
     if periods < FEWEST_PERIODS:
         raise IdentificationError(

@@ -9,7 +9,7 @@ import numpy as np
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.validation_record import ResponseRecord
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
-from harvester.results.panels import legend_below, set_title
+from harvester.results.panels import Panel, Series, draw_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,42 +24,81 @@ SEGMENTS = 12
 def draw(found: Any) -> Figure:
     """Draw an `Identification`'s prediction of the first record's validation part.
 
-    Panels are waveforms, spectra, densities and the residuals' correlation.
+    Panels are waveforms, spectra, densities and the residuals' correlation; of a response its
+    outputs.
     """
-    from matplotlib.figure import Figure
-
     record = found.fitted.records[0]
-    if isinstance(record, ResponseRecord):
-        return _response_figure(found, record)
-    figure = Figure(figsize=(10.0, 6.4))
-    wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
-    name = record.outputs[0]
+    panels = _of_lines(record) if isinstance(record, ResponseRecord) else _in_time(found, record)
+    title = f"{found.scene.name}: {record.aside} of {record.name}, kept aside"
+    return draw_panels(panels, title, size=(4.6, 2.9), columns=2)
+
+
+def _compared(x, columns, labels, width=2.2, **shown):
+    """Series of what was measured, predicted, and left."""
+    styles = ((MEASURED, width), (PREDICTED, 1.0), (RESIDUAL, 0.8))
+    return [
+        Series(x, y, label, colour=colour, width=thickness, **shown)
+        for y, label, (colour, thickness) in zip(columns, labels, styles, strict=False)
+    ]
+
+
+def _of_lines(record):
+    """Panels of a response's outputs: the lines kept aside, their prediction, the difference."""
+    panels = []
+    for n, name in enumerate(record.outputs):
+        label = f"{name} [rad]" if name == "phase" else name
+        label = label if record.quantity == "impedance" else f"{name} of voltage over acceleration"
+        columns = [values[:, n] for values in (record.measured, record.windowed, record.residuals)]
+        labels = ("measured", "predicted", "difference")
+        panels.append(Panel("frequency [Hz]", label, _compared(record.frequency, columns, labels)))
+    return panels
+
+
+def _in_time(found, record):
+    """Panels of a record in time."""
+    from scipy import signal
+
+    name, values = record.outputs[0], record.measured[:, 0]
     unit = OUTPUT_UNITS[name] if found.scene.units == "SI" else "scaled"
-    _draw_waveform(wave, record, f"{name} [{unit}]")
-    _draw_spectra(spectrum, record, f"density of the {name} [{unit}²/Hz]")
-    _draw_densities(density, record, f"{name} [{unit}]")
-    _draw_correlation(correlation, found)
-    legend_below(figure, [spectrum])
-    set_title(figure, f"{found.scene.name}: the {record.aside} of {record.name}, kept aside")
-    return figure
-
-
-def _response_figure(found, record):
-    """Validation lines, the model's prediction, and their difference."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.0, 4.0))
-    panels = figure.subplots(1, len(record.outputs), squeeze=False)[0]
-    for n, (axes, name) in enumerate(zip(panels, record.outputs, strict=True)):
-        axes.plot(record.frequency, record.measured[:, n], ".", color=MEASURED, label="measured")
-        axes.plot(record.frequency, record.windowed[:, n], color=PREDICTED, label="predicted")
-        axes.plot(record.frequency, record.residuals[:, n], color=RESIDUAL, label="difference")
-        of = f"{name} [rad]" if name == "phase" else name
-        of = of if record.quantity == "impedance" else f"{name} of voltage over acceleration"
-        axes.set(xlabel="frequency [Hz]", ylabel=of)
-    legend_below(figure, panels[:1])
-    set_title(figure, f"{found.scene.name}: {record.aside} of {record.name}, kept aside")
-    return figure
+    crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
+    count = int(min(values.size, SHOWN_PERIODS * 2.0 * values.size / max(crossings, 1)))
+    waves = [part[:count, 0] for part in (record.measured, record.windowed, record.residuals)]
+    segment = max(16, values.size // SEGMENTS)
+    f, densities = signal.welch(
+        np.column_stack([values, record.free[:, 0], record.residuals[:, 0]]),
+        record.rate,
+        nperseg=segment,
+        axis=0,
+    )
+    both = np.column_stack([values, record.free[:, 0]])
+    bins = np.linspace(both.min(), both.max(), BINS + 1)
+    shares = [np.histogram(column, bins, density=True)[0] for column in both.T]
+    white = found.records[0].whiteness()
+    lags = np.arange(1, white.correlations.size + 1) / record.rate
+    labels = ("measured", "predicted", "residuals in windows")
+    quantity, unlabelled = f"{name} [{unit}]", (None,) * 3
+    return [
+        Panel("time [s]", quantity, _compared(np.arange(count) / record.rate, waves, unlabelled)),
+        Panel(
+            "frequency [Hz]",
+            f"density of the {name} [{unit}²/Hz]",
+            _compared(f[1:], densities[1:].T, labels),
+            log_y=True,
+        ),
+        Panel(
+            quantity,
+            "probability density",
+            _compared(0.5 * (bins[1:] + bins[:-1]), shares, unlabelled),
+            # Volts have long labels: more than seven would touch.
+            more=lambda axes: axes.locator_params(axis="x", nbins=6),
+        ),
+        Panel(
+            "lag [s]",
+            "autocorrelation of residuals",
+            [Series(lags, white.correlations, colour=RESIDUAL, width=1.0)],
+            more=lambda axes: axes.axhspan(-white.bound, white.bound, color="0.85", lw=0),
+        ),
+    ]
 
 
 def draw_posterior(found: Any) -> Figure:
@@ -88,52 +127,3 @@ def draw_posterior(found: Any) -> Figure:
         if column == 0 and row > 0:
             axes.set(ylabel=keys[row].rpartition(".")[2])
     return figure
-
-
-def _draw_waveform(axes, record, label):
-    values = record.measured[:, 0]
-    crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
-    per_period = 2.0 * values.size / max(crossings, 1)
-    count = int(min(values.size, SHOWN_PERIODS * per_period))
-    time = np.arange(count) / record.rate
-    axes.plot(time, values[:count], color=MEASURED, lw=2.2)
-    axes.plot(time, record.windowed[:count, 0], color=PREDICTED, lw=1.0)
-    axes.plot(time, record.residuals[:count, 0], color=RESIDUAL, lw=0.8)
-    axes.set(xlabel="time [s]", ylabel=label)
-
-
-def _draw_spectra(axes, record, label):
-    from scipy import signal
-
-    segment = max(16, record.measured.shape[0] // SEGMENTS)
-    for values, colour, text, width in (
-        (record.measured, MEASURED, "measured", 2.2),
-        (record.free, PREDICTED, "predicted", 1.0),
-        (record.residuals, RESIDUAL, "residuals in windows", 0.8),
-    ):
-        f, density = signal.welch(values[:, 0], record.rate, nperseg=segment)
-        axes.semilogy(f[1:], density[1:], color=colour, lw=width, label=text)
-    axes.set(xlabel="frequency [Hz]", ylabel=label)
-
-
-def _draw_densities(axes, record, label):
-    both = np.concatenate([record.measured[:, 0], record.free[:, 0]])
-    bins = np.linspace(both.min(), both.max(), BINS + 1)
-    for values, colour, width in (
-        (record.measured, MEASURED, 2.2),
-        (record.free, PREDICTED, 1.0),
-    ):
-        share, _ = np.histogram(values[:, 0], bins, density=True)
-        axes.stairs(share, bins, color=colour, lw=width)
-    axes.set(xlabel=label, ylabel="probability density")
-    # Volts have long labels: more than seven would touch.
-    axes.locator_params(axis="x", nbins=6)
-
-
-def _draw_correlation(axes, found):
-    record = found.records[0]
-    white, rate = record.whiteness(), record.rate
-    lags = np.arange(1, white.correlations.size + 1) / rate
-    axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)
-    axes.axhspan(-white.bound, white.bound, color="0.85", lw=0)
-    axes.set(xlabel="lag [s]", ylabel="autocorrelation of residuals")

@@ -22,7 +22,6 @@ from harvester.identification import intervals
 from harvester.identification.identifiability import Undetermined, undetermined
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
-from harvester.identification.measurement import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
     FINE_STEPS,
@@ -34,30 +33,34 @@ from harvester.identification.response import (
 from harvester.identification.search import (
     COARSE,
     FINE,
-    FIRST_NOISE,
     HOPELESS,
     LAST,
     ON_THE_WAY,
+    followed,
     followed_anew,
+    in_short_windows,
     opened,
     searched,
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
+    DRAG,
     FORCE,
     MASS,
     ORIGIN,
+    as_coefficients,
     first_sizes,
+    power_of,
     sizes_of,
     unknowns,
     with_values,
 )
 from harvester.identification.validation_record import (
     ValidationRecord,
-    predicted,
     predicted_lines,
+    validated,
 )
-from harvester.scene.prepared import prepared
+from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -65,6 +68,8 @@ if TYPE_CHECKING:
 
 # Two errors that differ by less than this share count as equal.
 NOTED = 0.02
+# Share of a size that is too little to change the motion.
+LITTLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -109,10 +114,9 @@ class Fitted:
         return undetermined(self.shooting.unknowns, self.values, self.covariance)
 
     @property
-    def leaves_noise(self) -> bool:
-        """Whether the residuals of the validation data are only noise, so that no model can
-        be better."""
-        return all(part.nrmse() <= (1.0 + NOTED) * part.noise() for part in self.records)
+    def explains(self) -> bool:
+        """Whether the fit leaves only the sensors' noise of every record."""
+        return all(record.is_explained for record in self.records)
 
     @property
     def keys(self) -> list[str]:
@@ -135,19 +139,41 @@ class Fitted:
         """Normalized rms error of the first output over all validation stretches."""
         return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
+    @cached_property
+    def sizes(self) -> dict[str, float]:
+        """Sizes of unknowns from the fitted motion; of a response those of `first_sizes`."""
+        responses = self.shooting.responses
+        measurements = [experiment.measurement for experiment in responses.experiments]
+        if isinstance(measurements[0], MeasuredResponse):
+            return first_sizes(self.scene, measurements)
+        paths = [self.shooting.states(self.fit, n) for n in range(len(measurements))]
+        reach = max(float(np.abs(path[:, 0]).max()) for path in paths) * responses.length
+        speed = max(float(np.std(path[:, 1])) for path in paths) * responses.length
+        return sizes_of(self.scene, measurements, reach, speed)
 
-def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Sizes from the fitted motion; for a frequency response see `first_sizes`."""
-    if isinstance(measurements[0], MeasuredResponse):
-        return first_sizes(base.scene, measurements)
-    reach, speed = 0.0, 0.0
-    fit = base.fit
-    for number in range(len(fit.edges)):
-        states = base.shooting.states(fit, number)
-        reach = max(reach, float(np.abs(states[:, 0]).max()))
-        speed = max(speed, float(np.std(states[:, 1])))
-    length = base.shooting.responses.length
-    return sizes_of(base.scene, measurements, reach * length, speed * length)
+    def extended(self, keys: Sequence[str]) -> tuple[Shooting, ShootingFit, Scene]:
+        """The fit's problem with further unknowns at values without effect, and its scene."""
+        scene, free, responses = self.scene, self.keys, self.shooting.responses
+        experiments = responses.experiments
+        if DRAG in keys:
+            # A drag of 0 is no number of a scene.
+            scene = scene.replace({DRAG: LITTLE * self.sizes[DRAG]})
+        if powers := [power_of(key) for key in keys if power_of(key)]:
+            force = [k or 0.0 for k in scene.oscillator.coefficients]
+            force += [0.0] * (max(powers) + 1 - len(force))
+            spring = {"oscillator.restoring_force": force}
+            scene, free = scene.replace(spring), as_coefficients(free)
+            experiments = [replace(one, scene=one.scene.replace(spring)) for one in experiments]
+        old = zip(unknowns(scene, free, self.sizes), self.values, strict=True)
+        # The added values begin near 0, so their sizes come from the motion, not from their starts.
+        added = [
+            replace(one, size=self.sizes.get(one.key, one.size))
+            for one in unknowns(scene, keys, self.sizes)
+        ]
+        every = [*(unknown.begun(value) for unknown, value in old), *added]
+        responses = responses.replaced(experiments, [one.key for one in every])
+        fit = replace(self.fit, values=np.array([one.start for one in every]))
+        return self.shooting.beside(responses, every), fit, scene
 
 
 # Share of each record, from its beginning, that is fitted; the rest is validation data.
@@ -167,8 +193,6 @@ GRID: Any = (
 MOST_STARTS = 4
 # These values are proportional to the mass if the motion stays the same.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
-# Relative noise of an impedance that the first fit assumes.
-FIRST_IMPEDANCE_NOISE = 0.005
 # Number of fits to records of several kinds; each weights the residuals by the noise that the
 # previous fit left.
 WEIGHTINGS = 3
@@ -195,7 +219,7 @@ def responses_of(
 def _interpolations(measurements):
     """Interpolations to try between samples: only the smooth one where samples are few."""
     rates = [
-        record.sampling_rate / frequencies(record)[0]
+        record.sampling_rate / record.frequencies[0]
         for record in measurements
         if not isinstance(record, MeasuredResponse)
     ]
@@ -207,7 +231,7 @@ def fitted(
     scene: Scene,
     measurements: Sequence[Measurement | MeasuredResponse],
     keys: Sequence[str],
-    sizes: dict[str, float],
+    sizes: dict[str, float] | None = None,
     warm: Fitted | None = None,
     follow: Callable[[float], object] = lambda share: None,
 ) -> Fitted:
@@ -221,8 +245,8 @@ def fitted(
         Records in time first, then responses and impedances.
     keys : sequence of str
         Keys of the free values.
-    sizes : dict of str to float
-        Sizes of keys whose start may be 0.
+    sizes : dict of str to float, optional
+        Sizes of keys whose start may be 0; by default those of `first_sizes`.
     warm : Fitted, optional
         A neighbouring model of the same records, from whose values and windows the fit begins.
     follow : callable, optional
@@ -246,10 +270,10 @@ def fitted(
     if first is None and lines and (alone := times or swept * joint):
         # The first model, of records of one kind, has the scene's mass.
         first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
-    length = first.shooting.responses.length if first else prepared(scene).scales.displacement
+    length = first.shooting.responses.length if first else setting(scene).length
     parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
     responses = responses_of(scene, parts, keys, length, FINE_STEPS)
-    free = unknowns(scene, keys, sizes)
+    free = unknowns(scene, keys, sizes or first_sizes(scene, measurements))
     if not lines:
         coarse = responses_of(scene, times, keys, length, COARSE_STEPS)
         shooting, starts = _in_time(scene, times, coarse, responses, free, warm, follow)
@@ -284,9 +308,13 @@ def fitted(
         ends = [record.acceleration.size for record in times]
         alone, windows = shooting.of_first(len(times), fit)
         spans = list(zip(_lengths(times), ends, strict=True))
-        records, settled = predicted(alone, windows, spans)
-    kept = responses_of(scene, [r.part(r.aside) for r in lines], keys, length, FINE_STEPS)
-    records += [predicted_lines(kept, fit.values, number) for number in range(len(lines))]
+        settled, alone = in_short_windows(alone, windows, spans), alone.frozen()
+        if alone.linearized(settled):
+            settled = followed(alone, settled)
+        records = [validated(alone, settled, number) for number in range(len(times))]
+    aside = [experiment(scene, record.part(record.aside)) for record in lines]
+    kept = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
+    records += [predicted_lines(kept, fit.values, len(times) + n) for n in range(len(lines))]
     return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
 
 
@@ -351,15 +379,9 @@ def _of_lines(shooting, first, scene, count, joint):
 
 def _line_windows(experiments):
     """Edges, starts and first noise of responses and impedances: one window without states each."""
-    edges, noise = [], []
-    for sweep in experiments:
-        outputs = list(sweep.measurement.outputs.values())
-        edges.append(np.array([0, outputs[0].size]))
-        level = FIRST_IMPEDANCE_NOISE
-        if not isinstance(sweep.measurement, MeasuredImpedance):
-            level = FIRST_NOISE * float(np.sqrt(sum(np.mean(values**2) for values in outputs)))
-        noise.append(np.full(len(outputs), level))
-    return edges, [NO_STATES] * len(edges), noise
+    sweeps = [experiment.measurement for experiment in experiments]
+    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
+    return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
 
 
 def _of_mass(shooting, values, factor, scene):
@@ -417,7 +439,7 @@ def _warmed(coarse, fine, free, warm):
     shooting = warm.shooting.beside(fine, free)
     values = np.array([unknown.start for unknown in free])
     rival, fit = warm.fit.cost, warm.fit
-    if warm.leaves_noise:
+    if warm.explains:
         begun = ShootingFit(values, fit.edges, fit.starts, fit.noise)
         near = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if near.cost < HOPELESS * rival:

@@ -10,14 +10,14 @@ examined.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.identification.intervals import HALF_INTERVAL, normal_equations
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS, factor_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -34,8 +34,9 @@ SHARE_OF_DIRECTION = 0.1
 SEPARABLE = 0.01
 # A fitted value depends on a known one if a relative change of 1 moves it by more than this share.
 DEPENDENT = 0.05
-# Relative change of a known value for the difference quotients.
-CHANGE = 1e-5
+# If the records leave a combination of values undetermined, the first of these that belongs to it
+# keeps the scene's value, else the value with the largest share.
+KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,24 @@ def undetermined(
     return unclear
 
 
+def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
+    """Keys to keep at the scene's values so that the records determine the others, and why.
+
+    One key after another is left out; the covariance of the others is that given its value.
+    """
+    unknowns, values, matrix = list(fitted.shooting.unknowns), fitted.values, fitted.covariance
+    kept: list[tuple[str, Undetermined]] = []
+    while len(unknowns) > 1 and (directions := undetermined(unknowns, values, matrix)):
+        keys = directions[0].keys
+        first = next((key for name in KEPT_FIRST for key in keys if key.endswith(name)), keys[0])
+        kept.append((first, directions[0]))
+        n = [unknown.key for unknown in unknowns].index(first)
+        del unknowns[n]
+        matrix = matrix - np.outer(matrix[n], matrix[n]) / matrix[n, n]
+        values, matrix = np.delete(values, n), np.delete(np.delete(matrix, n, 0), n, 1)
+    return kept
+
+
 def _determined_powers(relative, members):
     """Exponents of the product of the undetermined values that the records determine best."""
     if members.size == 1:
@@ -154,46 +173,39 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     suspected : sequence of str, optional
         Keys; by default all sensors' gains, the loads' resistances and the mass.
     """
-    shooting, fit = fitted.shooting, fitted.fit
-    responses, unknowns = shooting.responses, shooting.unknowns
-    changed = _changed(responses, suspected)
-    if not changed:
+    known = _known(fitted.shooting.responses, suspected)
+    if not known:
         return []
-    equations = normal_equations(shooting, fit, list(changed.values()), CHANGE)
-    p, units = len(unknowns), _units(unknowns, fit.values) / shooting.sizes
+    problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in known])
+    equations = normal_equations(problem, fit)
+    p = len(fitted.keys)
+    units = _units(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
     result = []
-    for index, ((key, _), experiments) in enumerate(changed.items()):
+    for index, (key, records) in enumerate(known):
         alone = equations.of([*range(p), p + index])
-        moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0] / units
-        names = tuple(responses.experiments[number].measurement.name for number in experiments)
+        moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
-        by_key = dict(zip(fitted.keys, map(float, moves), strict=True))
+        by_key = dict(zip(fitted.keys, map(float, moves / units), strict=True))
+        names = tuple(problem.responses.experiments[n].measurement.name for n in records)
         result.append(Assumption(key, names, float(alone.step[p]), error, by_key))
     return result
 
 
-def _changed(responses, suspected):
-    """Experiments with a known value changed, by (key, value) and their numbers."""
-    changed: dict[tuple[str, float], dict[int, Any]] = {}
+def _known(responses, suspected):
+    """Keys of values taken as known, with the numbers of the records that share an error."""
+    shared: dict[tuple[str, float], list[int]] = {}
     for number, experiment in enumerate(responses.experiments):
-        measurement, scene = experiment.measurement, experiment.scene
         # An impedance has neither a base that moves nor a load, and its analyser has no error.
         keys = [MASS]
-        if not isinstance(measurement, MeasuredImpedance):
-            keys += [f"sensor.{name}_scale" for name in measurement.sensed]
-            keys += [LOAD, *[BASE_SCALE] * (BASE_FACTOR not in responses.keys)]
-        known = {key: measurement.sensors.get(key, 1.0) for key in keys if "sensor." in key}
-        known |= {key: numbers(scene)[key][0] for key in keys if key in numbers(scene)}
-        for key, value in known.items():
+        if not isinstance(experiment.measurement, MeasuredImpedance):
+            gains = [f"sensor.{name}_scale" for name in experiment.measurement.sensed]
+            keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in responses.keys), MASS, LOAD]
+        values = numbers(experiment.scene)
+        for key in keys:
             if key in responses.keys or (suspected is not None and key not in suspected):
                 continue
-            other = value * (1.0 + CHANGE)
-            if key.startswith("sensor."):
-                sensors = {**measurement.sensors, key: other}
-                moved = replace(experiment, measurement=replace(measurement, sensors=sensors))
-            else:
-                moved = replace(experiment, scene=scene.replace({key: other}))
-            # One resistor may be wrong, and another right; a sensor is the same in all records.
-            of = value if key == LOAD else 0.0
-            changed.setdefault((key, of), {})[number] = moved
-    return changed
+            if key in values or key.startswith("sensor."):
+                # One resistor may be wrong, and another right; a sensor is the same in all records.
+                of = values[key][0] if key == LOAD else 0.0
+                shared.setdefault((key, of), []).append(number)
+    return [(key, records) for (key, _), records in shared.items()]

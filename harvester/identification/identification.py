@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.rivals import Rival, proposed
-from harvester.identification.unknowns import BASE_FACTOR, MASS
+from harvester.identification.unknowns import BASE_FACTOR, factor_of
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ResponseRecord,
@@ -25,6 +24,7 @@ from harvester.identification.validation_record import (
     WholeRecord,
 )
 from harvester.identification.verdict import dependent, findings
+from harvester.results.report import page_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.numbers import numbers
 from harvester.scene.text import scene_text
@@ -40,19 +40,10 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-LEGEND = (
-    "95 % intervals, which allow for residuals that are correlated. The last third of each record "
-    "was kept aside: nothing was fitted to it but the states at the beginnings of windows."
-)
-CAPTION = (
-    "The validation part. Grey: measured; blue: predicted (waveforms in windows, spectra and "
-    "densities from one start alone); orange: the difference in windows."
-)
 # Verdicts of models whose values are claimed.
 CLAIMING = ("predicts", "fits")
 # Units of a sensor's effects.
 SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz", "resistance": "Ω"}
-POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
 
 
 @dataclass(frozen=True, repr=False)
@@ -168,7 +159,7 @@ class Identification(ResultBase):
         reference = self.fitted.shooting.responses
         responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
         responses.interpolation = self.fitted.interpolation
-        system, _ = responses.known_device(0, self.fitted.values)
+        system, _ = responses.at(0, self.fitted.values).known_device
         start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
         _, _, outputs = responses.states(0, self.fitted.values, edges, start)
@@ -186,7 +177,6 @@ class Identification(ResultBase):
             ],
             records=self._records,
             texts=self.texts,
-            page=self.page,
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
@@ -203,6 +193,8 @@ class Identification(ResultBase):
         model, rows = rival or self.fitted, []
         unclear = {key for direction in model.undetermined for key in direction.keys}
         for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
+            if factor_of(key):
+                continue
             printed = value_and_error(value, HALF_INTERVAL * error)
             state = "identified" if rival else self._state(key)
             if key in unclear:
@@ -239,7 +231,7 @@ class Identification(ResultBase):
         """Remedies, undetermined values, and the evidence for the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
-            lines += self.impedance.findings(MASS in self.keys)
+            lines += self.impedance.findings(self.fitted)
         lines += [
             f"{record.name}: {remark}"
             for record in self.measurements
@@ -332,7 +324,7 @@ class Identification(ResultBase):
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
                 "posterior": self.posterior,
-                **({"impedance": self.impedance.parameters()} if self.impedance else {}),
+                **({"impedance": self.impedance.parameters(self.fitted)} if self.impedance else {}),
                 "seconds": self.seconds,
             }
         )
@@ -358,28 +350,11 @@ class Identification(ResultBase):
         heading = [self.verdict.sentence, f"Identified from {names}.", *rows, *self._findings()]
         return scene_text(model.scene, comments, [*heading, path])
 
-    def page(self) -> str:
-        """One self-contained page of HTML with everything."""
-        from harvester.results import page
-
-        verdicts = [page.Verdict(self.verdict.sentence, self.verdict.good)]
-        verdicts += map(page.Verdict, self._findings())
-        name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
-        sections = {
-            "Verdict": page.verdict_list(verdicts),
-            "Values": page.wide(page.table_of(*self._table())) + page.facts(LEGEND),
-            "Figures": Picture(draw, self).html(f"{name}: proof", CAPTION),
-        }
-        if self.posterior:
-            picture = Picture(draw_posterior, self)
-            sections["Posterior"] = picture.html(f"{name}: posterior", POSTERIOR_CAPTION)
-        sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
-        about = f"scene {self.scene.digest()[:12]}"
-        return page.page(f"{name}: identified from {records}", about, sections)
-
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""
-        files = {".toml": self.scene_text(), ".html": self.page()}
+        names = ", ".join(record.name for record in self.measurements)
+        page = page_of(self, f"identified from {names}")
+        files = {".toml": self.scene_text(), ".html": page}
         if self.proposed is not self.rivals[0]:
             files["-proposed.toml"] = self.scene_text(self.proposed)
         return files

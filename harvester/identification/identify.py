@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from harvester.base.arguments import listed
 from harvester.base.errors import IdentificationError
 from harvester.base.plain_text import shown
-from harvester.base.signatures import Kind, files_of, one_record_of, records_of, together
+from harvester.base.signatures import Kind
+from harvester.identification.record_options import Impedance, KeptRecords, Keys, Records
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
@@ -21,18 +22,10 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-_FILE = Kind("FILE [SETTING=VALUE]", "written as FILE NAME=VALUE", read=files_of, words=True)
-Records = Annotated[Any, replace(_FILE, option="record", join=records_of)]
-KeptRecords = Annotated[Any, replace(_FILE, option="keep-aside", join=records_of)]
-Keys = Annotated[Sequence[str], Kind("TABLE.KEY", read=list, join=together, words=True)]
-Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Share of the work left to rivals that each of them takes.
 RIVAL_SHARE = 0.1
-# If the records leave a combination of values undetermined, the first of these that belongs to it
-# keeps the scene's value.
-KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
 @takes_scene
@@ -108,15 +101,15 @@ def identify(
     from harvester.device.keys import computed
     from harvester.engines.progress import Stages
     from harvester.identification import checks, rivals
-    from harvester.identification.fitting import fitted, fitted_sizes
     from harvester.identification.identifiability import assumptions
+    from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside, visited
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
+    from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.unknowns import MASS, checked_keys, default_keys
-    from harvester.identification.validation_record import validated
-    from harvester.identification.verdict import FitEvidence
+    from harvester.identification.verdict import FitEvidence, verdict
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
@@ -129,63 +122,42 @@ def identify(
     )
     stages = Stages(progress or (lambda share, text: None))
     measurements = _measurements(scene, records)
+    aside = [] if keep_aside is None else _measurements(scene, keep_aside)
+    named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
     analysed, begun = None, scene
     if impedance is not None:
         if not isinstance(impedance, MeasuredImpedance):
             impedance = _read(impedance, "impedance", read_impedance)
         analysed = from_impedance(scene, impedance)
-        if not measurements:
-            if keep_aside is not None:
-                raise IdentificationError(
-                    "--keep-aside: an impedance alone cannot predict a record: give a record to "
-                    "fit too (--record)"
-                )
-            if free is not None:
-                raise IdentificationError(
-                    f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no "
-                    "others: leave --free out, or give a record too (--record)"
-                )
-            base = fitted(analysed.scene, [analysed.measured], analysed.keys, {})
-            evidence = FitEvidence(base.records, [rivals.Rival("as given", base)])
-            measured = [analysed.measured]
-            return _concluded(
-                scene, measured, base, [], evidence, clock, posterior, analysed, stages
-            )
-        begun, measurements = analysed.scene, [*measurements, analysed.measured]
-    aside = [] if keep_aside is None else _measurements(scene, keep_aside)
-    if not measurements:
-        raise IdentificationError(
-            "--record: none is given, and records kept aside are not fitted: name at least one "
-            "record to fit"
-        )
-    checks.check_kept_aside(begun, measurements, aside)
-    checks.check_records(begun, [*measurements, *aside])
-    outputs = list(measurements[0].sensed)
-    named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    volts = any(map(checks.scale_is_missing, measurements))
-    keys = default_keys(begun, outputs, volts)
-    if analysed and "voltage" in outputs:
-        keys = [MASS, *keys]
-    if named is not None:
-        keys = checked_keys(begun, named, outputs)
-    if not keys:
-        raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
-    checks.check_volts(measurements, keys)
+        begun = analysed.scene
+    if analysed and not measurements:
+        checks.check_impedance_alone(analysed.keys, aside, named)
+        keys = analysed.keys
+    else:
+        checks.check_records(begun, measurements, aside)
+        outputs = list(measurements[0].sensed)
+        keys = default_keys(begun, outputs, any(map(checks.scale_is_missing, measurements)))
+        if analysed and "voltage" in outputs:
+            keys = [MASS, *keys]
+        if named is not None:
+            keys = checked_keys(begun, named, outputs)
+        if not keys:
+            raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
+        checks.check_volts(measurements, keys)
+    if analysed:
+        measurements.append(analysed.measured)
     stages.begin(0.0, MODELS_BEGIN, "fit")
     try:
-        base, undetermined = _determined(begun, measurements, keys, free is None, stages)
+        base, kept = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
-    sizes = fitted_sizes(base, measurements)
-    left = validated(base)
-    explained = all(record.is_explained for record in left)
     narrow = base
-    if base.settled and not explained:
+    if base.settled and not base.explains:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = replace(base, covariance=base.covariance + moved)
-    models = [rivals.Rival("as given", base, explains=explained)]
+    models = [rivals.Rival("as given", base, explains=base.explains)]
 
     def report(name: str) -> None:
         # The number of rivals is not known in advance: each takes a share of the remaining work.
@@ -193,31 +165,21 @@ def identify(
         stages.begin(begin, begin, f"rival model: {name}")
 
     if compare and any(record.acceleration is not None for record in measurements):
-        models = rivals.rival_models(models[0], measurements, sizes, scene, keys, report)
+        models = rivals.rival_models(models[0], measurements, scene, keys, report)
     stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
     where = visited(base)
     evidence = FitEvidence(
-        records=left,
+        records=base.records,
         rivals=models,
-        spring=rivals.next_power(base, sizes) if explained else None,
+        spring=rivals.next_power(base) if base.explains else None,
         errors=base.relative_errors,
-        assumptions=assumptions(base) if explained else [],
-        whole=kept_aside(narrow, aside, where, left, scene.run.seed, stages) if where else [],
+        assumptions=assumptions(base) if base.explains else [],
+        whole=kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
+        if where
+        else [],
         visited=where,
     )
-    return _concluded(
-        scene, measurements, base, undetermined, evidence, clock, posterior, analysed, stages
-    )
-
-
-def _concluded(scene, measurements, base, kept, evidence, clock, posterior, analysed, stages):
-    """The result, with the posterior if it is asked for."""
-    from harvester.identification.identification import Identification
-    from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.verdict import verdict
-
     stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
-    sampled = posterior_of(base, scene.run.seed, stages) if posterior else None
     return Identification(
         scene=base.scene,
         start=scene,
@@ -226,9 +188,9 @@ def _concluded(scene, measurements, base, kept, evidence, clock, posterior, anal
         kept=kept,
         evidence=evidence,
         verdict=verdict(evidence),
-        seconds=time.perf_counter() - clock,
-        posterior=sampled,
+        posterior=posterior_of(base, scene.run.seed, stages) if posterior else None,
         impedance=analysed,
+        seconds=time.perf_counter() - clock,
     )
 
 
@@ -266,21 +228,18 @@ def _determined(
     drop: bool,
     follow: Callable[[float], object],
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
-    """The fit of the values that the records determine, and the keys kept at the scene's values."""
+    """The fit of the values that the records determine, and the keys kept at the scene's values.
+
+    Values of a model that does not explain the records are not claimed: they need no second fit.
+    """
     from harvester.identification.fitting import fitted
-    from harvester.identification.unknowns import first_sizes
+    from harvester.identification.identifiability import to_keep
 
     undetermined: list[tuple[str, Undetermined]] = []
-    sizes = first_sizes(scene, measurements)
-    model = fitted(scene, measurements, keys, sizes, None, follow)
-    while drop and model.undetermined and len(model.keys) > 1:
-        unclear = model.undetermined[0]
-        # The first of `KEPT_FIRST` that belongs to the direction, else the direction's first key.
-        out = next(
-            (key for name in KEPT_FIRST for key in unclear.keys if key.endswith(name)),
-            unclear.keys[0],
-        )
-        undetermined.append((out, unclear))
-        kept = [key for key in model.keys if key != out]
-        model = fitted(scene, measurements, kept, sizes, None, follow)
+    model = fitted(scene, measurements, keys, follow=follow)
+    while drop and (unclear := to_keep(model)) and model.explains:
+        undetermined += unclear
+        kept = {key for key, _ in undetermined}
+        keys = [key for key in model.keys if key not in kept]
+        model = fitted(scene, measurements, keys, follow=follow)
     return model, undetermined

@@ -8,23 +8,24 @@ known, and stiffness, damping and coupling² are in proportion to the scene's ma
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.optimize import approx_fprime, least_squares
 
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.identification.intervals import HALF_INTERVAL, correlation_factor, interval
+from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.unknowns import MASS
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
     from harvester.scene.model import Scene
 
 # A further mode is first sought with these quality factors, at each of the measured frequencies.
@@ -37,8 +38,6 @@ SURE_OF_MODE = 20.0
 # A branch with a lower quality factor than this corrects the background and is not counted as a
 # resonance.
 LOWEST_QUALITY = 3.0
-# Number of fits; each weights the residuals by the noise that the previous fit left.
-WEIGHTINGS = 3
 # Fewest points within a resonance's half-power width from which its quality factor is determined.
 FEWEST_OVER_WIDTH = 3
 NUMBERS = {
@@ -60,15 +59,12 @@ class ButterworthVanDyke:
     ----------
     parameters : ndarray, shape (2 + 3 modes,)
         ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
-    covariance : ndarray
-        Covariance of the parameters.
-    noise : tuple of float
-        Relative, of |Z|; of the phase (rad).
+    loss_error : float
+        Standard error of tan δ.
     """
 
     parameters: np.ndarray
-    covariance: np.ndarray
-    noise: tuple[float, ...]
+    loss_error: float
 
     @property
     def modes(self) -> int:
@@ -86,50 +82,27 @@ class ButterworthVanDyke:
         Cp is the capacitance in parallel with the mode: C0 and the capacitances of the modes above
         it, which follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
         """
-        return dict(zip(NUMBERS, _numbers(self.parameters, mode), strict=True))
-
-    def standard_errors(self, mode: int) -> dict[str, float]:
-        """Standard errors of `numbers`, by name."""
-        slopes = jacobian(lambda p: _numbers(p, mode), self.parameters)
-        variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
-        return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
-
-
-def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """∂function/∂parameters by central differences, shape (values, parameters)."""
-    steps = 1e-6 * np.eye(at.size)
-    return np.array([(function(at + h) - function(at - h)) / 2e-6 for h in steps]).T
-
-
-def _numbers(parameters, mode):
-    """The numbers fs, fp, Cp, k², Q and tan δ of one mode, as an array."""
-    resonance, quality, motional = np.exp(parameters[2 + 3 * mode : 5 + 3 * mode])
-    clamped = math.exp(parameters[0]) + np.exp(parameters[4 + 3 * (mode + 1) :: 3]).sum()
-    parallel = resonance * math.sqrt(1.0 + motional / clamped)
-    factor = motional / (motional + clamped)
-    return np.array([resonance, parallel, clamped, factor, quality, parameters[1]])
+        resonance, quality, motional = np.exp(self.parameters[2 + 3 * mode : 5 + 3 * mode])
+        above = np.exp(self.parameters[4 + 3 * (mode + 1) :: 3]).sum()
+        clamped = math.exp(self.parameters[0]) + above
+        parallel = resonance * math.sqrt(1.0 + motional / clamped)
+        factor = motional / (motional + clamped)
+        values = resonance, parallel, clamped, factor, quality, self.parameters[1]
+        return dict(zip(NUMBERS, map(float, values), strict=True))
 
 
 def _branches(frequency, parameters):
     """Admittances of the capacitance and of each mode, shape (n, 1 + modes)."""
-    rate = 2j * math.pi * frequency
-    columns = [rate * math.exp(parameters[0]) * (1.0 - 1j * parameters[1])]
+    columns = [2j * math.pi * frequency * math.exp(parameters[0]) * (1.0 - 1j * parameters[1])]
     for resonance, quality, motional in np.exp(parameters[2:].reshape(-1, 3)):
-        ratio = frequency / resonance
-        columns.append(rate * motional / (1.0 - ratio**2 + 1j * ratio / quality))
+        columns.append(motional * _unit_branch(frequency, resonance, quality))
     return np.column_stack(columns)
 
 
-def _slopes(frequency, parameters):
-    """∂ ln Z/∂ parameters, complex, shape (n, parameters)."""
-    branches = _branches(frequency, parameters)
-    columns = [branches[:, 0], 2.0 * math.pi * frequency * math.exp(parameters[0])]
-    for number, (resonance, quality, _) in enumerate(np.exp(parameters[2:].reshape(-1, 3)), 1):
-        ratio = frequency / resonance
-        lossy = 1j * ratio / quality
-        over = branches[:, number] / (1.0 - ratio**2 + lossy)
-        columns += [over * (lossy - 2.0 * ratio**2), over * lossy, branches[:, number]]
-    return -np.column_stack(columns) / branches.sum(axis=1)[:, None]
+def _unit_branch(frequency, resonance, quality):
+    """Admittance of a mode over its motional capacitance."""
+    ratio = frequency / resonance
+    return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
 
 def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
@@ -149,11 +122,11 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     IdentificationError
         It shows no resonance.
     """
-    parameters, left = _polished(frequency, impedance, _linear(frequency, impedance, []), _EQUAL)
+    parameters, left, error = _polished(frequency, impedance, _linear(frequency, impedance, []))
     samples = 2 * frequency.size
     for _ in range(MOST_MODES):
         begun = _with_another(frequency, impedance, parameters)
-        trial, remaining = _polished(frequency, impedance, begun, _EQUAL)
+        trial, remaining, trial_error = _polished(frequency, impedance, begun)
         gained = samples * math.log(left / max(remaining, 1e-300))
         shapes = np.exp(trial[2:].reshape(-1, 3))
         inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
@@ -161,7 +134,7 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
             break
         if (shapes[:, 1] < LOWEST_QUALITY).any():
             break
-        parameters, left = trial, remaining
+        parameters, left, error = trial, remaining, trial_error
     if parameters.size == 2:
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
@@ -169,10 +142,7 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
             f"{parameters[1]:.2g}, to {math.sqrt(left / frequency.size):.2g} of itself: measure "
             "where the device resonates, with its base clamped and its electrodes connected"
         )
-    return _concluded(frequency, impedance, parameters)
-
-
-_EQUAL = (1.0, 1.0)
+    return ButterworthVanDyke(parameters, error)
 
 
 def _equations(frequency, impedance, shapes):
@@ -194,12 +164,6 @@ def _linear(frequency, impedance, shapes):
     for shape, motional in zip(shapes, coefficients[2:], strict=True):
         parameters += [*np.log(shape), math.log(max(motional, 1e-6 * largest))]
     return np.array(parameters)
-
-
-def _unit_branch(frequency, resonance, quality):
-    """Admittance of a mode over its motional capacitance."""
-    ratio = frequency / resonance
-    return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
 
 def _stacked(table):
@@ -236,49 +200,21 @@ def _by_frequency(parameters):
     return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
 
 
-def _polished(frequency, impedance, begun, noise):
-    """(parameters, sum of squares) of the best fit near a start, each part over its noise."""
-    from scipy.optimize import least_squares
-
-    weights = 1.0 / np.repeat(noise, frequency.size)
-    clamp = np.full(begun.size, 700.0)
+def _polished(frequency, impedance, begun):
+    """Parameters, sum of squares and error of tan δ, of the fit of ln Z near a start."""
 
     def residuals(parameters):
-        admittance = _branches(frequency, np.clip(parameters, -clamp, clamp)).sum(axis=1)
-        return _stacked(-np.log(admittance * impedance)) * weights
-
-    def slopes(parameters):
-        return _stacked(_slopes(frequency, np.clip(parameters, -clamp, clamp))) * weights[:, None]
+        admittance = _branches(frequency, np.clip(parameters, -700.0, 700.0)).sum(axis=1)
+        return _stacked(-np.log(admittance * impedance))
 
     with np.errstate(all="ignore"):
         try:
-            solution = least_squares(
-                residuals, begun, slopes, method="lm", x_scale=1.0, xtol=1e-12, ftol=1e-12
-            )
+            solution = least_squares(residuals, begun, method="lm", xtol=1e-12, ftol=1e-12)
         except ValueError:
-            return begun, math.inf
-    return _by_frequency(solution.x), float(2.0 * solution.cost)
-
-
-def _concluded(frequency, impedance, parameters):
-    """The circuit with the noise of magnitude and phase as the residuals show it."""
-    noise: tuple[float, ...] = _EQUAL
-    for _ in range(WEIGHTINGS):
-        parameters, _ = _polished(frequency, impedance, parameters, noise)
-        off = -np.log(_branches(frequency, parameters).sum(axis=1) * impedance)
-        free = max(frequency.size - 0.5 * parameters.size, 1.0)
-        noise = tuple(
-            max(math.sqrt(float(np.sum(part**2)) / free), 1e-12) for part in (off.real, off.imag)
-        )
-    slopes = _slopes(frequency, parameters)
-    normal = np.zeros((parameters.size, parameters.size))
-    for columns, residuals, size in zip(
-        (slopes.real, slopes.imag), (off.real, off.imag), noise, strict=True
-    ):
-        normal += columns.T @ columns / (size**2 * correlation_factor(residuals))
-    scale = np.sqrt(np.diag(normal))
-    covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-    return ButterworthVanDyke(parameters, covariance, noise)
+            return begun, math.inf, math.inf
+    squares, free = float(2.0 * solution.cost), max(2 * frequency.size - begun.size, 1)
+    variance = np.linalg.pinv(solution.jac.T @ solution.jac)[1, 1] * squares / free
+    return _by_frequency(solution.x), squares, math.sqrt(max(variance, 0.0))
 
 
 def _check_width(frequency, circuit, mode, where):
@@ -329,23 +265,38 @@ class FromImpedance:
     scene: Scene
     keys: list[str]
 
-    def parameters(self) -> dict[str, dict[str, Any]]:
-        """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
-        branch = self.circuit.numbers(self.mode)
-        errors = self.circuit.standard_errors(self.mode)
+    def parameters(self, fitted: Fitted) -> dict[str, dict[str, Any]]:
+        """fs, fp, Cp, k² and Q of the fitted device, tan δ of the circuit, with 95 % intervals."""
+        responses = fitted.shooting.responses
+        # An impedance comes after all other measurements.
+        last = len(responses.experiments) - 1
+
+        def numbers_of(values):
+            system, _ = responses.at(last, values).known_device
+            square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
+            rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)
+            resonance = rate / (2.0 * math.pi)
+            parallel, quality = resonance / math.sqrt(1.0 - share), rate / system.damper.damping
+            clamped = responses.at(last, values).capacitance
+            return np.array([resonance, parallel, clamped, share, quality])
+
+        slopes = approx_fprime(fitted.values, numbers_of, 1e-6 * np.abs(fitted.values))
+        variances = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
+        values = [*numbers_of(fitted.values), self.circuit.parameters[1]]
+        errors = [*np.sqrt(variances), self.circuit.loss_error]
         return {
             name: {
-                "value": value,
-                "standard_error": errors[name],
-                "interval": interval(value, errors[name]),
+                "value": float(value),
+                "standard_error": float(error),
+                "interval": interval(float(value), float(error)),
                 "unit": NUMBERS[name],
             }
-            for name, value in branch.items()
+            for name, value, error in zip(NUMBERS, values, errors, strict=True)
         }
 
-    def findings(self, mass_is_free: bool) -> list[str]:
-        """The circuit's numbers, its other modes, and undetermined values."""
-        lines = [f"{self.measured.name}: {_in_words(self.parameters())}"]
+    def findings(self, fitted: Fitted) -> list[str]:
+        """The device's numbers, the circuit's other modes, and what the impedance leaves open."""
+        lines = [f"{self.measured.name}: {_in_words(self.parameters(fitted))}"]
         for mode in range(self.circuit.modes):
             if mode != self.mode:
                 other = self.circuit.numbers(mode)
@@ -354,7 +305,7 @@ class FromImpedance:
                     f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is left out of "
                     "the scene; the capacitance of modes above is part of Cp"
                 )
-        if not mass_is_free:
+        if MASS not in fitted.keys:
             lines.append(
                 "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
                 "stiffness and damping are in proportion to it and coupling to its square root; "
@@ -395,10 +346,10 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     # The circuit's mode whose frequency is nearest to the scene's, by their ratio, is the scene's.
     frequency = math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi)
     mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
-    branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
+    branch = circuit.numbers(mode)
     _check_capacitance(scene, branch["capacitance"], measured.name)
     _check_width(measured.frequency[lines], circuit, mode, measured.name)
-    leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
+    leaks = branch["loss_tangent"] > SURE_OF_LOSS * circuit.loss_error
     mass, spring_key = numbers(scene)[MASS][0], _spring_key(scene)
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
     clamped, stiffness = branch["capacitance"], mass * rate**2

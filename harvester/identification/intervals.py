@@ -19,15 +19,19 @@ band.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
-from harvester.identification.validation_record import HALF_INTERVAL, drawn_base_noise
+from harvester.identification.validation_record import (
+    HALF_INTERVAL,
+    autocorrelations,
+    drawn_base_noise,
+)
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
@@ -108,35 +112,18 @@ def _ridge(normal):
     return SMALLEST_EIGENVALUE * np.diag(sizes)
 
 
-def normal_equations(
-    shooting: Shooting,
-    fit: ShootingFit,
-    changed: Sequence[Mapping[int, Any]] = (),
-    change: float = 1.0,
-) -> NormalEquations:
-    """Sums of a fit's Jacobian, in sizes of the unknowns.
-
-    Parameters
-    ----------
-    changed : sequence of dict of int to experiment
-        For each value that the fit takes as known, and that adds a column: the experiments with
-        the value changed, by their numbers.
-    change : float
-        Relative change of these values.
-    """
+def normal_equations(shooting: Shooting, fit: ShootingFit) -> NormalEquations:
+    """Sums of a fit's Jacobian, in sizes of the unknowns."""
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
         states, left = table[..., p : p + 3], table[..., -1]
-        moved = [_residual_change(shooting, fit, number, left, known) for known in changed]
-        further = [values[..., None] / change for values in moved]
-        effects = np.concatenate([table[..., :p], *further], axis=-1)
-        parts.append((without_states(effects, states, edges - edges[0]), states, left))
+        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, left))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
     inverse = _inverse(normal + _ridge(normal))
-    # Residuals that an error of a known value has caused are no noise.
-    step = -inverse @ gradient if changed else 0.0 * gradient
+    # Residuals that an error of a value has caused are no noise.
+    step = -inverse @ gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step
@@ -159,17 +146,6 @@ def normal_equations(
             )
         )
     return NormalEquations(gradient, normal, tuple(sum(m) for m in zip(*meats, strict=True)))
-
-
-def _residual_change(shooting, fit, number, left, changed):
-    """Change of an experiment's residuals with another value of an assumed quantity."""
-    if number not in changed:
-        return 0.0 * left
-    responses, experiments = shooting.responses, list(shooting.responses.experiments)
-    experiments[number] = changed[number]
-    problem = shooting.beside(responses.replaced(experiments, responses.keys), shooting.unknowns)
-    moved, _ = problem.residuals_of(fit, number)
-    return 0.0 * left if moved is None else moved - left
 
 
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
@@ -214,41 +190,29 @@ def correlation_factor(residuals: np.ndarray) -> float:
     1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
     """
     n = residuals.size
-    values = residuals - residuals.mean()
-    total, square = 1.0, float(values @ values)
-    for lag in range(1, n // 4):
-        share = float(values[lag:] @ values[:-lag]) / square if square > 0.0 else 0.0
-        if share < 3.0 / math.sqrt(n):
-            break
-        total += 2.0 * share
-    return total
+    correlations = autocorrelations(residuals, n // 4 - 1)
+    below = np.append(correlations, 0.0) < 3.0 / math.sqrt(n)
+    return 1.0 + 2.0 * float(np.sum(correlations[: np.argmax(below)]))
 
 
 def _meat(columns, residuals):
     """Jᵀ Γ J of one experiment, over all pairs of outputs."""
     from scipy import signal
 
-    samples, outputs, p = columns.shape
+    samples = residuals.shape[0]
     segment = min(max(16, 2 * samples // (SEGMENTS + 1)), samples)
-    options = {"nperseg": segment, "detrend": False, "return_onesided": False}
-    spectra = np.fft.rfft(columns, axis=0)
-    frequencies = np.fft.rfftfreq(samples)
+    pairs = residuals.T[:, None], residuals.T[None]
+    f, density = signal.csd(*pairs, nperseg=segment, detrend=False, return_onesided=False)
+    spectra, frequencies = np.fft.rfft(columns, axis=0), np.fft.rfftfreq(samples)
     # Each line counts for positive and negative frequency, except the first and the last.
-    weight = np.full(frequencies.size, 2.0)
-    weight[0] = 1.0
+    weight = np.full(frequencies.size, 2.0 / samples)
+    weight[0] = 1.0 / samples
     if samples % 2 == 0:
-        weight[-1] = 1.0
-    total = np.zeros((p, p))
-    for a in range(outputs):
-        for b in range(outputs):
-            f, density = signal.csd(residuals[:, a], residuals[:, b], **options)
-            positive = f >= 0.0
-            order = np.argsort(f[positive])
-            values = np.interp(frequencies, f[positive][order], density[positive][order])
-            products = np.einsum(
-                "k,ki,kj->ij", weight * values, spectra[:, a].conj(), spectra[:, b]
-            )
-            total += products.real / samples
+        weight[-1] = 1.0 / samples
+    total = np.zeros((columns.shape[2],) * 2)
+    for a, b in np.ndindex(density.shape[:2]):
+        values = weight * np.interp(frequencies, f[f >= 0.0], density[a, b, f >= 0.0])
+        total += (spectra[:, a].conj().T @ (values[:, None] * spectra[:, b])).real
     return 0.5 * (total + total.T)
 
 

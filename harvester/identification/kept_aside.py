@@ -20,19 +20,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.base.errors import IdentificationError
 from harvester.device import contact, timescales
 from harvester.device.system import potential
-from harvester.identification.intervals import student_factor
-from harvester.identification.own_values import own_values
-from harvester.identification.response import experiment
-from harvester.identification.search import FIRST_NOISE, HOPELESS
-from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import ShootingFit
-from harvester.identification.validation_record import (
-    WholeRecord,
-    predicted,
-    root_mean_square,
+from harvester.identification.intervals import covariance, student_factor
+from harvester.identification.response import COARSE_STEPS, FINE_STEPS, experiment
+from harvester.identification.search import (
+    COARSE,
+    HOPELESS,
+    ON_THE_WAY,
+    followed,
+    in_short_windows,
 )
+from harvester.identification.sensors import OUTPUT_UNITS
+from harvester.identification.shooting import ShootingFit, reach_of
+from harvester.identification.unknowns import unknowns, with_values
+from harvester.identification.validation_record import WholeRecord, prediction, root_mean_square
 from harvester.scene.units import load_resistance
 from harvester.statistics.attractors import repeats_in_noise
 from harvester.statistics.estimate import Estimate
@@ -56,6 +59,10 @@ SINE, SINE_LINES = 0.9, 3
 # multiple of the worst fitted record's, or this share of its rms. Records of a
 # measured beam with another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
+# First values of a record's own, as shares of what counts as a change of order one, beside the
+# scene's: a constant force has one well or the other in its favour. Two minima are the same if no
+# value differs by more than `SAME` of its size.
+FIRST_SHARES, SAME = (0.0, 0.1, -0.1, 0.2, -0.2), 0.02
 # The visited frequencies lie between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
 # A position may lie outside the visited displacements by this share of their range.
@@ -151,7 +158,7 @@ def visited(fitted: Fitted) -> Visited | None:
         for intervals, column in ((displacement, 0), (velocity, 1)):
             values = np.concatenate([path[:, column] for path in states]) * responses.length
             intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
-    system, scales = responses.known_device(0, fitted.values)
+    system, scales = responses.at(0, fitted.values).known_device
     si = fitted.scene.units == "SI"
     loads = {_load(experiment.scene) for experiment in experiments}
     ranges = tuple(displacement)
@@ -279,7 +286,7 @@ def _likely(fitted, seed):
     draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
     draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
     responses = fitted.shooting.responses
-    possible = (draw for draw in draws if responses.device(0, draw) is not None)
+    possible = (draw for draw in draws if responses.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
 
@@ -296,22 +303,37 @@ def _model_error(records, missed):
     return error * student_factor(len(off))
 
 
-def _of_record(fitted, measurement, visited, values, model_error, limit):
+def _of_record(fitted, measurement, visited, draws, model_error, limit):
     """Compare one validation record with its prediction."""
-    shooting, noise = _shooting(fitted, measurement)
-    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, limit)
-    record, settled = _settled(shooting, values[0], noise, reach)
-    responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
-    system, _ = responses.known_device(0, values[0])
-    saddles = np.array(timescales.saddles(system))
-    followed = shooting.states(settled, 0)[:, 0]
-    repeats = _repeats(measurement)
-    late = int(FORGOTTEN * followed.size)
-    runs = [_run(shooting, draw, starts[:1], late) for draw in values]
+    length, noise = fitted.shooting.responses.length, _noise(fitted, measurement)
+    # A record may lie in the other well: starts are tried on both sides.
+    farthest = (1.0 + BEYOND) * float(np.abs(visited.displacement).max()) / length
+    reach, local, errors = (-farthest, farthest), [np.zeros(0)] * len(draws), np.zeros(0)
+    if measurement.own:
+        inside = tuple(end / length for end in visited.reach)
+        problem, fit, local = _own_values(fitted, measurement, draws, noise, inside, reach, limit)
+        errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
+        reach = reach_of(problem.states(fit, 0)[:, 0])
+    problems = [
+        _problem(fitted, measurement, draw, values)
+        for draw, values in zip(draws, local, strict=True)
+    ]
+    problem, repeats = problems[0], _repeats(measurement)
+    system, _ = problem.responses.at(0, np.zeros(0)).known_device
+    saddles = np.sort(timescales.saddles(system))
+    # A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in
+    # both: those of one well are taken if they fit about as well.
+    between = [saddle for saddle in saddles if reach[0] < saddle < reach[1]]
+    wells = [*pairwise([reach[0], *between, reach[1]])] if between else []
+    settled = _followed(problem, noise, wells, reach, 0.0)
+    record, edges = prediction(problem, settled, 0), settled.edges[0]
+    followed_path = problem.states(settled, 0)[:, 0]
+    late = int(FORGOTTEN * followed_path.size)
+    runs = [_run(drawn, settled.starts[0][:1], late) for drawn in problems]
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
     left = math.sqrt(max(record.nrmse() ** 2 - record.noise() ** 2, 0.0))
-    outside = visited.excludes(responses, runs[0][0])
+    outside = visited.excludes(problem.responses, runs[0][0])
     if agreement < 1.0:
         outside = "likely values lead to different orbits"
     if left > limit:
@@ -328,7 +350,7 @@ def _of_record(fitted, measurement, visited, values, model_error, limit):
         outside=outside,
         left=left,
         limit=limit,
-        measured_orbit=_orbit(followed, saddles, edges, repeats),
+        measured_orbit=_orbit(followed_path, saddles, edges, repeats),
         predicted_orbit=orbits[0],
         agreement=agreement,
         rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
@@ -351,71 +373,98 @@ def _of_record(fitted, measurement, visited, values, model_error, limit):
     )
 
 
-def _with_own(fitted, measurement, visited, values, noise, limit):
-    """Likely values with the record's, the record's alone, and the range of the mass."""
-    ends = np.array(visited.displacement) / fitted.shooting.responses.length
-    # A record may lie in the other well: starts are tried on both sides.
-    farthest = (1.0 + BEYOND) * float(np.abs(ends).max())
-    if not measurement.own:
-        return values, [], np.array([]), (-farthest, farthest)
-    low, high = np.array(visited.reach) / fitted.shooting.responses.length
-    local_values, errors, reach = own_values(
-        fitted, measurement, values, (-farthest, farthest), (low, high), noise, limit
-    )
-    # A key that the fit has too is the record's own here.
-    indices = np.flatnonzero([key in measurement.own for key in fitted.keys])
-    values = [
-        np.append(np.delete(draw, indices), local)
-        for draw, local in zip(values, local_values, strict=True)
-    ]
-    return values, local_values, errors, reach
+def _problem(fitted, measurement, draw, values=None):
+    """The problem of one more record, the fitted values being as drawn.
 
-
-def _settled(shooting, values, noise, reach):
-    """The record followed in windows: within one well, if these fit about as well as any.
-
-    A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in both.
+    Its own values are as given, or unknowns beside the windows' starts.
     """
-    span = [(0, shooting.responses.experiments[0].samples)]
-    begun = ShootingFit(values, [], [], [noise])
-
-    def in_windows(ends):
-        (record,), settled = predicted(shooting, begun, span, ends)
-        return record, settled, float(np.mean((record.residuals / noise) ** 2))
-
-    system, _ = shooting.responses.known_device(0, values)
-    saddles = [saddle for saddle in timescales.saddles(system) if reach[0] < saddle < reach[1]]
-    best = anywhere = in_windows(reach)
-    if saddles:
-        wells = [in_windows(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
-        best = min(wells, key=lambda solution: solution[-1])
-    record, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
-    return record, settled
+    keys = list(measurement.own) if values is None else []
+    known = dict(zip(fitted.keys, map(float, draw), strict=True))
+    known |= zip(measurement.own, () if values is None else map(float, values), strict=not keys)
+    known = {key: value for key, value in known.items() if key not in keys}
+    # Drawn values are of a device: the fitted records were run with them.
+    scene = with_values(fitted.scene, [*known], known.values()) or fitted.scene
+    sensors = {key: value for key, value in known.items() if key.startswith("sensor.")}
+    seen = replace(measurement, sensors={**sensors, **measurement.sensors})
+    record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
+    responses = fitted.shooting.responses.replaced([record], keys)
+    free = unknowns(record.scene, keys, fitted.sizes)
+    return fitted.shooting.beside(responses, free, records=1)
 
 
-def _shooting(fitted, measurement):
-    """The problem of one more record, whose only unknowns are its windows' starts."""
-    reference = fitted.shooting.responses
-    record = experiment(fitted.scene, measurement)
-    keys = [*(key for key in reference.keys if key not in measurement.own), *measurement.own]
-    shooting = fitted.shooting.beside(reference.replaced([record], keys), [], records=1)
-    fitted_noise = {
-        name: level
-        for other, levels in zip(reference.experiments, fitted.fit.noise, strict=True)
-        for name, level in zip(other.measurement.outputs, levels, strict=True)
-    }
-    noise = [
-        fitted_noise.get(name, FIRST_NOISE * float(np.std(values)))
-        for name, values in measurement.outputs.items()
+def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
+    """Problem and fit of a record's own values, and the values for each of the draws.
+
+    Of mirrored motions that fit about as well, that inside the visited displacements is taken.
+    """
+    problem = _problem(fitted, measurement, draws[0])
+    fit = _followed(problem, noise, [inside], reach, enough)
+    if not fit.grams:
+        raise IdentificationError(
+            f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
+            "check the columns' units and signs, or give the value"
+        )
+    begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
+    others = [
+        _problem(fitted, measurement, draw).minimized(begun, ON_THE_WAY, COARSE).values
+        for draw in draws[1:]
     ]
-    return shooting, np.array(noise)
+    return problem, fit, [fit.values, *others]
 
 
-def _run(shooting, values, start, late):
+def _followed(problem, noise, ranges, reach, enough):
+    """The record followed in windows with displacements in the best of some ranges, or anywhere.
+
+    A range is taken if what is left of the first output is at most `enough`, a share of its
+    standard deviation, or if the mass may go anywhere within reach and this fits no better.
+    """
+    fits = [_in_windows(problem, noise, ends) for ends in ranges]
+    best = min(fits, key=lambda fit: _cost(problem, fit, noise), default=None)
+    if best and best.grams and prediction(problem, best, 0).nrmse() <= enough:
+        return best
+    anywhere = _in_windows(problem, noise, reach)
+    near = best and _cost(problem, best, noise) <= HOPELESS * _cost(problem, anywhere, noise)
+    return best if near else anywhere
+
+
+def _in_windows(problem, noise, reach):
+    """The best fit in long windows, followed from each minimum in short ones."""
+    measurement = problem.responses.experiments[0].measurement
+    span = [(0, measurement.acceleration.size)]
+    first = np.array([unknown.start for unknown in problem.unknowns])
+    minima: list[ShootingFit] = []
+    for share in FIRST_SHARES if first.size else (0.0,):
+        values = np.clip(first + share * problem.sizes, problem.low, problem.high)
+        begun = in_short_windows(problem, ShootingFit(values, [], [], [noise]), span, reach)
+        fit = problem.minimized(begun, ON_THE_WAY if first.size else 0, COARSE)
+        moved = [np.abs(fit.values - minimum.values) / problem.sizes for minimum in minima]
+        if fit.grams and all(distance.max() > SAME for distance in moved):
+            minima.append(fit)
+    fits = [followed(problem, minimum) for minimum in minima]
+    return min(fits, key=lambda fit: _cost(problem, fit, noise), default=begun)
+
+
+def _cost(problem, fit, noise):
+    """Cost of a fit by a common noise, and its reduction by the windows' starts."""
+    # A fit that was followed is weighted by its own residuals.
+    same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
+    return problem.cost(same) + sum(states.size for states in fit.starts)
+
+
+def _noise(fitted, measurement):
+    """Noise of each output, as the fit of other records has it."""
+    levels = dict(zip(measurement.outputs, measurement.assumed_noise, strict=True))
+    for other, fitted_levels in zip(
+        fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
+    ):
+        levels |= zip(other.measurement.outputs, fitted_levels, strict=True)
+    return np.array([levels[name] for name in measurement.outputs])
+
+
+def _run(problem, start, late):
     """Displacement and outputs from one start, without their first part."""
-    responses = shooting.responses
-    edges = np.array([0, responses.experiments[0].samples])
-    states, _, outputs = responses.states(0, values, edges, start)
+    edges = np.array([0, problem.responses.experiments[0].samples])
+    states, _, outputs = problem.responses.states(0, np.zeros(0), edges, start)
     return states[late:, 0], outputs[late:]
 
 

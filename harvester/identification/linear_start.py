@@ -12,22 +12,21 @@ gap) are searched on a grid.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.device import timescales
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
-    from harvester.device.system import System
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses
-    from harvester.scene.units import Scales
+    from harvester.identification.response import Responses, Trial
+    from harvester.identification.unknowns import Unknown
 
 # Frequencies below this share of the median frequency count as drift and are removed.
 SLOW_SHARE = 0.15
@@ -59,20 +58,21 @@ class Motion:
 
         if self.measured:
             return self
-        slow = SLOW_SHARE * frequencies(measurement)[0]
+        slow = SLOW_SHARE * measurement.frequencies[0]
         sections = signal.butter(2, slow, "highpass", fs=measurement.sampling_rate, output="sos")
         return replace(self, x=signal.sosfiltfilt(sections, self.x))
 
 
-def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
+def motion(trial: Trial) -> Motion:
     """The motion that belongs to a record, computed with the scene's transducer.
 
     With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
     x = ∫x' where the voltage follows the velocity at once.
     """
+    (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
     outputs = measurement.outputs
-    smooth = _smoother(frequencies(measurement)[1], rate)
+    smooth = _smoother(measurement.frequencies[1], rate)
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
@@ -163,37 +163,42 @@ def as_it_is(
 ) -> StartingPoint:
     """The start at given values with the motions that follow from them, centred if `centre`
     is given."""
-    motions = []
-    for number in range(len(responses.experiments)):
-        system, scales = responses.known_device(number, values)
-        seen = motion(system, scales, responses.shown(number, values))
-        motions.append(seen if centre is None else seen.centred(centre))
+    motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
+    if centre is not None:
+        motions = [path.centred(centre) for path in motions]
     return StartingPoint(values, motions)
 
 
 def regressed(
-    responses: Responses, values: np.ndarray, number: int, drifts: bool
+    responses: Responses, unknowns: Sequence[Unknown], number: int, drifts: bool
 ) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
     ----------
-    values : ndarray
-        Values of the unknowns, used for those that a regression does not give.
+    unknowns : sequence of Unknown
+        Their bounds, and their starts for those that a regression does not give.
     drifts : bool
         Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
         wells; otherwise it only adds noise.
     """
-    tried = [
-        _of_electrical(responses, values, number, factor, drifts)
-        for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
-    ]
-    best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
+    values, low, high = (
+        np.array([getattr(unknown, name) for unknown in unknowns])
+        for name in ("start", "low", "high")
+    )
+    capacitance = np.array([key == "piezo.capacitance" for key in responses.keys])
+    trials = (
+        responses.at(number, np.where(capacitance, factor, 1.0) * values)
+        for factor in (ELECTRICAL_FACTORS if capacitance.any() else (1.0,))
+    )
+    tried = [_Regression(trial, drifts) for trial in trials if trial.device]
+    best = min(tried, key=lambda regression: regression.misfit, default=None)
     starts: list[StartingPoint] = []
     if best is None:
         return starts
-    for changed, origin in best.results():
-        if responses.device(number, changed) is None:
+    for known, origin in best.results():
+        changed = np.clip(list(known.values()), low, high)
+        if responses.at(number, changed).device is None:
             continue
         start = as_it_is(responses, changed)
         # The regression gives only this record's origin; the other records' motions begin about the
@@ -203,44 +208,15 @@ def regressed(
     return starts
 
 
-def _with(responses, values, changes):
-    changed = values.copy()
-    for key, value in changes.items():
-        if key in responses.keys:
-            changed[responses.keys.index(key)] = value
-    return changed
-
-
-def _value(responses, values, key, number):
-    """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
-    if key in responses.keys:
-        return float(values[responses.keys.index(key)])
-    entry = numbers(responses.experiments[number].scene).get(key)
-    return float(entry[0]) if entry else 0.0
-
-
-def _of_electrical(responses, values, number, factor, drifts):
-    """The solved regression for one trial capacitance; None where the scene refuses it."""
-    capacitance = _value(responses, values, "piezo.capacitance", number) * factor
-    values = _with(responses, values, {"piezo.capacitance": capacitance})
-    equations = responses.device(number, values)
-    if equations is None:
-        return None
-    system, scales = equations
-    seen = motion(system, scales, responses.shown(number, values))
-    if not drifts:
-        seen = seen.without_drift(responses.experiments[number].measurement)
-    return _Regression(responses, values, number, system, scales, seen)
-
-
 class _Regression:
     """Weak form of one experiment's equation of motion."""
 
-    def __init__(self, responses, values, number, system, scales, seen):
-        self.responses, self.values, self.number = responses, values, number
-        self.system, self.scales = system, scales
-        experiment = responses.experiments[number]
-        self.scene = experiment.scene
+    def __init__(self, trial, drifts):
+        seen, (system, self.scales) = motion(trial), trial.known_device
+        if not drifts:
+            seen = seen.without_drift(trial.measurement)
+        self.known, self.scene = trial.known, trial.scene
+        experiment = trial.experiment
         self.powers = _powers(self.scene.oscillator)
         self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
         self.mass = self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
@@ -250,33 +226,23 @@ class _Regression:
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
         # The transducer's force has a coefficient to be fitted: β of a scaled scene.
-        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in responses.keys
+        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
         # The drive has an unknown factor, and the motion a known scale.
-        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*responses.keys}) and not self.centred
+        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
         rate = experiment.measurement.sampling_rate
-        period = 1.0 / frequencies(experiment.measurement)[0]
+        period = 1.0 / experiment.measurement.frequencies[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
-        self._test_functions(width, rate)
-        eta = responses.excitation(number, values)[:: experiment.steps]
-        self.drive = self._integrated(eta)
+        # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
+        u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
+        bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
+        self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
+        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
+        self.drive = self._integrated(trial.excitation[:: experiment.steps])
         self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
         self.inertia = self._integrated(self.z, 2)
         self.damping = -self._integrated(self.z, 1)
         self.solved = self._best()
         self.misfit = self.solved[0]
-
-    def _test_functions(self, width, rate):
-        """φ = (1 − u²)⁴ and its second derivative on −1 < u < 1."""
-        u = np.linspace(-1.0, 1.0, width + 2)[1:-1]
-        half = 0.5 * (width + 1) / rate
-        bump = 1.0 - u**2
-        self.phi = [
-            bump**4,
-            -8.0 * u * bump**3 / half,
-            (-8.0 * bump**3 + 48.0 * u**2 * bump**2) / half**2,
-        ]
-        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        self.width = width
 
     def _integrated(self, values, order=0):
         """∫φ⁽ᵒʳᵈᵉʳ⁾ values for all test functions."""
@@ -286,7 +252,7 @@ class _Regression:
     def _best(self):
         """(misfit, coefficients, scale, gaps' share, names) of the best scale and gaps."""
         known_scale = not (
-            {"piezo.coupling", "coil.coupling"} & set(self.responses.keys)
+            {"piezo.coupling", "coil.coupling"} & set(self.known)
             and self.scene.units == "SI"
             and self.centred
         )
@@ -311,7 +277,7 @@ class _Regression:
         """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
         columns = {"damping": self.damping}
-        if "oscillator.quadratic_damping" in self.responses.keys:
+        if DRAG in self.known:
             columns["drag"] = self._integrated(np.abs(self.w) * self.w)
         for power in range(self.degree + 1):
             columns[f"k{power}"] = self._integrated(z**power)
@@ -355,43 +321,32 @@ class _Regression:
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
-        moved = shifted(self._force(found, s), shift)
-        changes = self._mechanical(found, s, moved)
-        changes |= self._transduced(found, s)
-        if found.get("drive"):
-            # The drive is the base factor over the sensor's scale; only one of them is free.
-            value = _value(self.responses, self.values, BASE_SCALE, self.number)
-            changes[BASE_SCALE] = value / found["drive"]
-            value = _value(self.responses, self.values, BASE_FACTOR, self.number)
-            changes[BASE_FACTOR] = value * found["drive"]
-        if share is not None:
-            changes |= self._stops(found, s, share, shift)
-        return _with(self.responses, self.values, self._within(changes)), shift
-
-    def _mechanical(self, found, s, coefficients):
         mass, length = self.mass, self.scales.displacement
-        stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
+        moved = shifted(self._force(found, s), shift)
+        stiffness = abs(moved[1]) if moved.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
         changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
-        if "drag" in found:
-            changes["oscillator.quadratic_damping"] = mass / length * max(found["drag"] / s**2, 0.0)
-        scaled = [mass * k * length ** (1 - n) for n, k in enumerate(coefficients)]
-        if self.scene.oscillator.restoring_force is None:
-            changes["oscillator.linear_stiffness"] = scaled[1]
-            if len(scaled) > 3:
-                changes["oscillator.cubic_stiffness"] = scaled[3]
-        else:
-            changes |= {f"oscillator.restoring_force[{n}]": k for n, k in enumerate(scaled)}
-        return changes
-
-    def _transduced(self, found, s):
-        if "force" in found:
-            coupling = _value(self.responses, self.values, "piezo.coupling", self.number)
-            return {"piezo.coupling": coupling * found["force"]}
-        return {
-            key: _value(self.responses, self.values, key, self.number) / s
-            for key in ("piezo.coupling", "coil.coupling")
+        changes |= {
+            spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
+            for n, k in enumerate(moved)
         }
+        if "drag" in found:
+            changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
+        # Of a scaled scene β is in proportion to the force, of others the coupling to 1/s.
+        for key in ("piezo.coupling", "coil.coupling"):
+            changes[key] = self._value(key) * found.get("force", 1.0 / s)
+        if found.get("drive"):
+            # The drive is the base factor over the sensor's scale; only one of them is free.
+            changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
+            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
+        if share is not None:
+            changes |= self._stops(found, s, share, shift)
+        solved = {k: changes[k] for k in self.known if np.isfinite(changes.get(k, np.nan))}
+        return {**self.known, **solved}, shift
+
+    def _value(self, key):
+        """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
+        return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
@@ -433,27 +388,10 @@ class _Regression:
         """Scaled coefficients of the spring that are not free, by their powers."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
-            short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
-            if self.scene.oscillator.restoring_force is not None:
-                short = f"restoring_force[{n}]"
-            if f"oscillator.{short}" not in self.responses.keys:
+            if spring_key(self.scene.oscillator, n) not in self.known:
                 value = self.powers[n] if n < len(self.powers) else 0.0
                 fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
-
-    def _within(self, changes):
-        """The changes of free values, clipped to their bounds."""
-        specs = numbers(self.scene)
-        bounded = {}
-        if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
-            bounded[BASE_SCALE] = changes[BASE_SCALE]
-        for key, value in changes.items():
-            if key in specs and key in self.responses.keys and np.isfinite(value):
-                start, spec = specs[key]
-                is_open = not spec.low_allowed and spec.low != -np.inf
-                least = spec.low + 1e-2 * abs(start) if is_open else spec.low
-                bounded[key] = min(max(value, least), spec.high)
-        return bounded
 
 
 def _powers(oscillator):
@@ -471,15 +409,16 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
+def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
+    values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
     for number, experiment in enumerate(responses.experiments):
-        starts += regressed(responses, values, number, True)
+        starts += regressed(responses, unknowns, number, True)
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift: the motion is tried without it, too.
-            starts += regressed(responses, values, number, False)
-    system, _ = responses.known_device(0, values)
+            starts += regressed(responses, unknowns, number, False)
+    system, _ = responses.at(0, values).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
@@ -492,8 +431,9 @@ def _with_velocity_scale(responses, start):
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):
-        scale = responses.velocity_scale(number, path.v * responses.length, start.values)
+        scale = responses.at(number, start.values).velocity_scale(path.v * responses.length)
         if scale:
-            values = _with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            known = {**responses.at(number, start.values).known, VELOCITY_SCALE: abs(scale)}
+            values = np.array(list(known.values()))
             return StartingPoint(values, start.motions)
     return start

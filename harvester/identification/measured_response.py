@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from harvester.base.arguments import table
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
@@ -20,6 +21,8 @@ from harvester.records.quantities import QUANTITIES
 
 # Fewest frequencies in a response. One line in three is validation data.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
+# Noise that the first fit assumes, as a share of an output's rms; relative noise of an impedance.
+ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
 # A response is conjugated if it turns by more than this share of all its turning, lines weighted by
 # their squares, towards larger phases: a device's turns the other way, noise either way.
 RISING = 0.5
@@ -95,9 +98,20 @@ class MeasuredResponse:
         return {"voltage": np.abs(self.response)}
 
     @property
+    def assumed_noise(self) -> np.ndarray:
+        """Noise of each output that the first fit assumes."""
+        level = ASSUMED_NOISE * float(np.sqrt(np.mean(np.abs(self.response) ** 2)))
+        return np.full(len(self.outputs), level)
+
+    @property
     def resonance(self) -> float:
         """Frequency of the greatest amplitude (Hz)."""
         return float(self.frequency[np.argmax(np.abs(self.response))])
+
+    @property
+    def frequencies(self) -> tuple[float, float]:
+        """Frequencies of the resonance and of the last line (Hz)."""
+        return self.resonance, float(self.frequency[-1])
 
     @property
     def aside(self) -> np.ndarray:
@@ -229,6 +243,11 @@ class MeasuredImpedance(MeasuredResponse):
         """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
 
+    @property
+    def assumed_noise(self) -> np.ndarray:
+        """Relative noise of both outputs that the first fit assumes."""
+        return np.full(2, ASSUMED_IMPEDANCE_NOISE)
+
     def check(self) -> None:
         """Raise IdentificationError if there are too few frequencies."""
         self._check_size()
@@ -259,7 +278,8 @@ def read_impedance(
         A column or a unit is missing, or the column is no impedance.
     """
     path, where = str(file), named(str(file))
-    columns = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}
+    settings = table(settings or {}, "settings", '{"impedance": "1:ohm"}')
+    columns = {OTHER_NAMES.get(key, key): str(value) for key, value in settings.items()}
     for key in columns:
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")

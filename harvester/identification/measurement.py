@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harvester.base.arguments import table
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest, shown
-from harvester.identification.measured_response import MeasuredResponse, response_of
+from harvester.identification.measured_response import ASSUMED_NOISE, MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
@@ -116,6 +118,30 @@ class Measurement:
     sensed = outputs
 
     @property
+    def assumed_noise(self) -> np.ndarray:
+        """Noise of each output that the first fit assumes."""
+        return np.array([ASSUMED_NOISE * np.std(values) for values in self.outputs.values()])
+
+    @cached_property
+    def frequencies(self) -> tuple[float, float]:
+        """Median frequency of the outputs, and their fastest (`FASTEST_SHARE`), in Hz."""
+        from scipy import signal
+
+        rate, ends = self.sampling_rate, []
+        for values in self.outputs.values():
+            segment = min(values.size, max(256, values.size // 8))
+            f, density = signal.welch(values, rate, nperseg=segment, detrend="linear")
+            # The floor of white noise is subtracted: it is not motion.
+            density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
+            total = np.cumsum(density)
+            shares = total[-1] * np.array([0.5, FASTEST_SHARE])
+            places = f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
+            ends.append(places)
+        slowest = 1.0 / self.duration
+        median, fastest = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
+        return max(float(median), slowest), max(float(fastest), slowest)
+
+    @property
     def duration(self) -> float:
         """Duration of the record (s)."""
         return self.acceleration.size / self.sampling_rate
@@ -157,7 +183,7 @@ def read_measurement(
     SceneError
         A column or a unit is missing, or the record is uneven, clipped, too short or has gaps.
     """
-    path, settings = str(file), dict(settings or {})
+    path, settings = str(file), table(settings or {}, "settings", '{"voltage": "2:mV"}')
     where = named(path)
     stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
@@ -251,27 +277,3 @@ def _number(where, key, value):
         return None if value is None else float(value)
     except ValueError:
         raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None
-
-
-def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, float]:
-    """Median frequency of the measured output, and its fastest (`FASTEST_SHARE`), in Hz."""
-    from scipy import signal
-
-    if isinstance(measurement, MeasuredResponse):
-        return measurement.resonance, float(measurement.frequency[-1])
-    rate = measurement.sampling_rate
-    medians, fastest = [], []
-    for values in measurement.outputs.values():
-        segment = min(values.size, max(256, values.size // 8))
-        f, density = signal.welch(values, rate, nperseg=segment, detrend="linear")
-        # The floor of white noise is subtracted: it is not motion.
-        density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
-        total = np.cumsum(density)
-        if total[-1] <= 0.0:
-            medians.append(0.1 * rate)
-            fastest.append(0.1 * rate)
-            continue
-        medians.append(float(f[np.searchsorted(total, 0.5 * total[-1])]))
-        fastest.append(float(f[np.searchsorted(total, FASTEST_SHARE * total[-1])]))
-    slowest = 1.0 / measurement.duration
-    return max(min(medians), slowest), max(*fastest, slowest)

@@ -136,8 +136,8 @@ def _cost(shooting, fit, bases):
     """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
-        residuals, _ = shooting.residuals_of(fit, number)
-        if residuals is None:
+        residuals, _, costs = shooting.residuals(fit, number)
+        if not np.isfinite(costs).all():
             return np.inf
         total += float(np.sum(residuals**2))
         for (a, b), basis in zip(pairwise(edges - edges[0]), bases[number], strict=True):

@@ -4,7 +4,7 @@
     measured base acceleration ─→ integrator ─→ x, x', v at the samples ─→ sensors ─→ signals
                       └── states at the window's start
 
-`Responses.device` builds the device, `states` integrates it, and `_outputs` applies the delay,
+`Trial.device` builds the device, `states` integrates it, and `_outputs` applies the delay,
 filters, gain and offset of each sensor.
 """
 
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,6 @@ from harvester.identification.measured_response import (
     MeasuredResponse,
     impedance_outputs,
 )
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
@@ -44,7 +44,7 @@ from harvester.identification.sensors import (
     parallel,
     without_memory,
 )
-from harvester.identification.unknowns import BASE_FACTOR, LOAD, with_values
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, factor_of, with_values
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 from harvester.scene.units import Scales
@@ -63,6 +63,9 @@ COARSE_STEPS, FINE_STEPS = 24, 80
 INTERPOLATIONS = ("linear", "smooth")
 # Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
+# One pool for all calls: starting threads takes as long as a short simulation. The threads start
+# with the first call.
+_THREADS = ThreadPoolExecutor(os.cpu_count())
 # Start of the one window of a response, whose samples have no states.
 NO_STATES = np.zeros((1, 3))
 
@@ -118,7 +121,7 @@ def experiment(
         return SteadyExperiment(measurement, changed)
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
-    steps = max(2, math.ceil(per_period * frequencies(measurement)[1] / rate - 1e-9))
+    steps = max(2, math.ceil(per_period * measurement.frequencies[1] / rate - 1e-9))
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
 
@@ -133,12 +136,11 @@ def _path(samples, steps, interpolation):
 
 
 def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each, by as many threads as there are processors.
+    """A function of each item, by as many threads as there are processors.
 
-    The integrator is free of Python's lock.
+    The integrator is free of Python's lock. The function must not call this one.
     """
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, items))
+    return list(_THREADS.map(function, items))
 
 
 class Responses:
@@ -170,43 +172,9 @@ class Responses:
         other.experiments, other.keys = list(experiments), list(keys)
         return other
 
-    def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
-        """Scaled equations of one experiment; None where the scene refuses the values."""
-        scene = self.experiments[number].scene
-        unit = {"length_scale": self.length} if scene.units == "SI" else {}
-        changed = with_values(scene, self.keys, values, unit)
-        if changed is None:
-            return None
-        probe = self._sensor(number, values, "sensor.voltage_resistance")
-        try:
-            if math.isfinite(probe):
-                load = parallel(numbers(changed)[LOAD][0], probe)
-                changed = changed.replace({LOAD: load})
-            prepared_scene = prepared(changed)
-            system, scales = prepared_scene.system, prepared_scene.scales
-        except (HarvesterError, ArithmeticError, ValueError):
-            return None
-        # One compiled integrator serves all candidates: all powers of the spring up to the third
-        # or seventh, and drag.
-        drag = getattr(system.damper, "quadratic_damping", 0.0)
-        damper = QuadraticDamper(system.damper.damping, drag)
-        return system._replace(spring=_padded(system.spring), damper=damper), scales
-
-    def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
-        """Scaled equations of one experiment at values that the scene must accept.
-
-        Raises
-        ------
-        IdentificationError
-            The scene refuses the values.
-        """
-        equations = self.device(number, values)
-        if equations is None:
-            raise IdentificationError(
-                "the fit reached values that the scene refuses: check the columns' units and "
-                "signs, free fewer (--free), or begin nearer (--set)"
-            )
-        return equations
+    def at(self, number: int, values: Iterable[float]) -> Trial:
+        """One experiment with values of the unknowns."""
+        return Trial(self, number, dict(zip(self.keys, map(float, values), strict=True)))
 
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
@@ -224,18 +192,7 @@ class Responses:
         ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
             None instead of each where the scene refuses the values.
         """
-        equations = self.device(number, values)
-        if equations is None:
-            return None, None, None
-        system, scales = equations
-        record = self.experiments[number]
-        if isinstance(record, SteadyExperiment):
-            outputs = self._steady(system, scales, number, values)
-            return np.zeros((outputs.shape[0], 3)), starts, outputs
-        eta = self.excitation(number, values)
-        spacing = 1.0 / (record.measurement.sampling_rate * record.steps)
-        states, ends = states_at_samples(system, eta, spacing, record.steps, edges, starts)
-        return states, ends, self._outputs(number, values, system, scales, states, edges)
+        return self.at(number, values).states(edges, starts)
 
     def moved_by_noise(
         self,
@@ -277,70 +234,139 @@ class Responses:
         changes = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
         return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
 
-    def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
-        """η at the steps of one experiment, scaled."""
-        record = self.experiments[number]
-        factor = (-1.0 if record.scene.units == "SI" else 1.0) / self.length
-        path = record.acceleration[self.interpolation]
-        factor *= self.base_factor(number, values)
-        return factor * self._base(number, values, path, record.steps)
 
-    def base_factor(self, number: int, values: np.ndarray) -> float:
-        """Base factor of one experiment's device: drive per base acceleration."""
-        if BASE_FACTOR in self.keys:
-            return float(values[self.keys.index(BASE_FACTOR)])
-        return self.experiments[number].scene.oscillator.base_factor
+class Trial:
+    """One experiment with values of the unknowns.
 
-    def _base(self, number, values, path, steps):
-        """True base acceleration from the path that its sensor showed."""
-        record = self.experiments[number]
-        corners = self._corners(number, values, "acceleration")
-        if any(corners):
-            path = invert_high_pass(path, record.integrals("acceleration", steps), *corners)
-        gain = self._sensor(number, values, "sensor.acceleration_scale")
-        offset = self._sensor(number, values, "sensor.acceleration_offset")
-        return (path - offset) / gain
+    Parameters
+    ----------
+    known : dict of str to float
+        Values of the unknowns by their keys.
+    """
 
-    def _base_velocity(self, number, values):
-        """Velocity of the base at the samples, in the scene's units."""
-        record = self.experiments[number]
-        base = self._base(number, values, record.measurement.acceleration, 1)
-        sign = 1.0 if record.scene.units == "SI" else -1.0
-        places = np.arange(record.samples)
-        return sign * integrals(base, record.measurement.sampling_rate, places)[0]
+    def __init__(self, responses: Responses, number: int, known: dict[str, float]) -> None:
+        self.experiment = responses.experiments[number]
+        self.measurement, self.scene = self.experiment.measurement, self.experiment.scene
+        self.interpolation, self.length = responses.interpolation, responses.length
+        self.known = known
+        factors = ((factor_of(key), value) for key, value in known.items())
+        # Factors of values that this experiment has as known, by their keys.
+        self.factors = {of[0]: value for of, value in factors if of and number in of[1]}
 
-    def _corners(self, number, values, quantity):
-        """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
-        if quantity not in ("acceleration", "voltage"):
-            return [0.0 for _ in HIGHPASSES]
-        return [
-            self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
-        ]
+    @cached_property
+    def device(self) -> tuple[System, Scales] | None:
+        """Scaled equations; None where the scene refuses the values."""
+        others = {"length_scale": self.length} if self.scene.units == "SI" else {}
+        for key, factor in self.factors.items():
+            if not key.startswith("sensor."):
+                others[key] = factor * numbers(self.scene)[key][0]
+        changed = with_values(self.scene, [*self.known], self.known.values(), others)
+        if changed is None:
+            return None
+        probe = self.sensor("sensor.voltage_resistance")
+        try:
+            if math.isfinite(probe):
+                load = parallel(numbers(changed)[LOAD][0], probe)
+                changed = changed.replace({LOAD: load})
+            prepared_scene = prepared(changed)
+            system, scales = prepared_scene.system, prepared_scene.scales
+        except (HarvesterError, ArithmeticError, ValueError):
+            return None
+        # One compiled integrator serves all candidates: all powers of the spring up to the third
+        # or seventh, and drag.
+        drag = getattr(system.damper, "quadratic_damping", 0.0)
+        damper = QuadraticDamper(system.damper.damping, drag)
+        return system._replace(spring=_padded(system.spring), damper=damper), scales
 
-    def _sensor(self, number, values, key):
+    @property
+    def known_device(self) -> tuple[System, Scales]:
+        """Scaled equations at values that the scene must accept.
+
+        Raises
+        ------
+        IdentificationError
+            The scene refuses the values.
+        """
+        if self.device is None:
+            raise IdentificationError(
+                "the fit reached values that the scene refuses: check the columns' units and "
+                "signs, free fewer (--free), or begin nearer (--set)"
+            )
+        return self.device
+
+    def sensor(self, key: str) -> float:
         """A sensor's effect: free, or as given for this record."""
-        if key in self.keys:
-            return values[self.keys.index(key)]
-        return self.experiments[number].measurement.sensors.get(key, neutral(key))
+        if key in self.known:
+            return self.known[key]
+        given = self.measurement.sensors.get(key, neutral(key))
+        return given * self.factors.get(key, 1.0)
 
-    def shown(self, number: int, values: np.ndarray) -> Measurement:
-        """A record with the sensors' effects removed from its outputs, except delays and
+    def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:
+        """States at samples, states behind each window, and the outputs: `Responses.states`."""
+        if self.device is None:
+            return None, None, None
+        system, scales = self.device
+        if isinstance(self.experiment, SteadyExperiment):
+            outputs = self._steady(system, scales)
+            return np.zeros((outputs.shape[0], 3)), starts, outputs
+        steps = self.experiment.steps
+        spacing = 1.0 / (self.measurement.sampling_rate * steps)
+        states, ends = states_at_samples(system, self.excitation, spacing, steps, edges, starts)
+        return states, ends, self._outputs(system, scales, states, edges)
+
+    @property
+    def excitation(self) -> np.ndarray:
+        """η at the steps, scaled."""
+        factor = self.base_factor * (-1.0 if self.scene.units == "SI" else 1.0) / self.length
+        return factor * self._base(
+            self.experiment.acceleration[self.interpolation], self.experiment.steps
+        )
+
+    @property
+    def base_factor(self) -> float:
+        """Base factor of the device: drive per base acceleration."""
+        return self.known.get(BASE_FACTOR, self.scene.oscillator.base_factor)
+
+    def _base(self, path, steps):
+        """True base acceleration from the path that its sensor showed."""
+        corners = self._corners("acceleration")
+        if any(corners):
+            integral = self.experiment.integrals("acceleration", steps)
+            path = invert_high_pass(path, integral, *corners)
+        offset = self.sensor("sensor.acceleration_offset")
+        return (path - offset) / self.sensor(BASE_SCALE)
+
+    def _base_velocity(self):
+        """Velocity of the base at the samples, in the scene's units."""
+        base = self._base(self.measurement.acceleration, 1)
+        sign = 1.0 if self.scene.units == "SI" else -1.0
+        return sign * integrals(base, self.measurement.sampling_rate, np.arange(base.size))[0]
+
+    def _corners(self, quantity):
+        """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
+        return [self.sensor(f"sensor.{quantity}_{effect}") for effect in HIGHPASSES]
+
+    @property
+    def shown(self) -> Measurement:
+        """The record with the sensors' effects removed from its outputs, except delays and
         low-passes."""
-        measurement = self.experiments[number].measurement
         true_outputs = {}
-        for name, values_shown in measurement.outputs.items():
-            true = values_shown + self._taken_away(number, values, name)
-            true = true - self._sensor(number, values, f"sensor.{name}_offset")
-            true = true / self._sensor(number, values, f"sensor.{name}_scale")
-            if name == "velocity" and measurement.velocity_is_absolute:
-                true = true - self._base_velocity(number, values)
+        for name, seen in self.measurement.outputs.items():
+            true, corners = seen, self._corners(name)
+            if any(corners):
+                # An AC-coupled input removed the slow part of its signal.
+                true = invert_high_pass(seen, self.experiment.integrals(name, 1), *corners)
+            true = true - self.sensor(f"sensor.{name}_offset")
+            true = true / self.sensor(f"sensor.{name}_scale")
+            if name == "velocity" and self.measurement.velocity_is_absolute:
+                true = true - self._base_velocity()
             true_outputs[name] = true
-        if VELOCITY_SCALE in self.keys and len(true_outputs) > 1:
+        if VELOCITY_SCALE in self.known and len(true_outputs) > 1:
             # A velocity of unknown scale is left out where other channels show the motion.
             true_outputs["velocity"] = None
-        return replace(measurement, **true_outputs)
+        return replace(self.measurement, **true_outputs)
 
-    def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
+    def velocity_scale(self, velocity: np.ndarray) -> float | None:
         """Scale of the velocity's sensor that fits its record to a motion (least squares).
 
         None where the record has none.
@@ -350,95 +376,71 @@ class Responses:
         velocity : ndarray, shape (n,)
             Relative to the base, in the scene's units.
         """
-        measurement = self.experiments[number].measurement
-        if measurement.velocity is None:
+        if self.measurement.velocity is None:
             return None
         true = velocity
-        if measurement.velocity_is_absolute:
-            true = true + self._base_velocity(number, values)
-        return float(measurement.velocity @ true) / float(true @ true)
+        if self.measurement.velocity_is_absolute:
+            true = true + self._base_velocity()
+        return float(self.measurement.velocity @ true) / float(true @ true)
 
-    def _taken_away(self, number, values, name):
-        """The slow part that an AC-coupled input removed from its signal, at the samples."""
-        corners = self._corners(number, values, name)
-        if not any(corners):
-            return 0.0
-        record = self.experiments[number]
-        seen = record.measurement.voltage
-        return invert_high_pass(seen, record.integrals(name, 1), *corners) - seen
-
-    def _outputs(self, number, values, system, scales, states, edges):
+    def _outputs(self, system, scales, states, edges):
         """Simulated sensor signals from the device's states, shape (samples, outputs)."""
-        measurement = self.experiments[number].measurement
         x, v, e = states.T
-        columns, inside = [], slice(edges[0], edges[-1])
         signals = {
             "voltage": device.terminal_voltage(system.transducer, v, e) * scales.voltage,
             "displacement": x * scales.displacement,
             "velocity": v * scales.displacement,
         }
-        for name in measurement.outputs:
-            true = signals[name]
-            if name == "velocity" and measurement.velocity_is_absolute:
-                true = true + self._base_velocity(number, values)[inside]
-            columns.append(self._sensed(number, name, true, values, edges))
-        return np.column_stack(columns)
+        if self.measurement.velocity is not None and self.measurement.velocity_is_absolute:
+            signals["velocity"] += self._base_velocity()[edges[0] : edges[-1]]
+        names = self.measurement.outputs
+        return np.column_stack([self._sensed(name, signals[name], edges) for name in names])
 
-    def _sensed(self, number, name, true, values, edges):
+    def _sensed(self, name, true, edges):
         """A sensor's output for true values, window by window."""
-        key = f"sensor.{name}_"
-        measurement = self.experiments[number].measurement
-        rate = measurement.sampling_rate
-        delay = rate * self._sensor(number, values, key + "delay")
-        low = self._sensor(number, values, key + "filter")
-        high = self._corners(number, values, name)
-        memory = [rate * low, *(2.0 * math.pi * corner / rate for corner in high)]
-        gain = self._sensor(number, values, key + "scale")
-        offset = self._sensor(number, values, key + "offset")
+        key, rate = f"sensor.{name}_", self.measurement.sampling_rate
+        delay, low = rate * self.sensor(key + "delay"), rate * self.sensor(key + "filter")
+        memory = [low, *(2.0 * math.pi * corner / rate for corner in self._corners(name))]
         if delay:
             pieces = np.split(true, edges[1:-1] - edges[0])
             true = np.concatenate([_delayed(piece, delay) for piece in pieces])
+        gain, offset = self.sensor(key + "scale"), self.sensor(key + "offset")
         simulated = gain * filtered(true, edges, *memory) + offset
-        seen = measurement.outputs[name][edges[0] : edges[-1]]
+        seen = self.measurement.outputs[name][edges[0] : edges[-1]]
         decays = [
-            value if key + effect in self.keys or key + effect in measurement.sensors else None
+            value if {key + effect} & {*self.known, *self.measurement.sensors} else None
             for effect, value in zip(("filter", *HIGHPASSES), memory, strict=True)
         ]
         return without_memory(simulated, seen, edges, *decays)
 
-    def _steady(self, system, scales, number, values):
+    def _steady(self, system, scales):
         """Outputs of a response or an impedance, shape (frequencies, outputs)."""
-        measurement = self.experiments[number].measurement
-        if isinstance(measurement, MeasuredImpedance):
-            return self._impedance(system, number, values)
-        response = self._gain_of_sensors(number, values)
-        response = response * self._response(system, scales, number, values)
-        if np.iscomplexobj(measurement.response):
+        if isinstance(self.measurement, MeasuredImpedance):
+            return self._impedance(system)
+        response = self._gain_of_sensors() * self._response(system, scales)
+        if np.iscomplexobj(self.measurement.response):
             return np.column_stack([response.real, response.imag])
         return np.abs(response)[:, None]
 
-    def _impedance(self, system, number, values):
+    def _impedance(self, system):
         """ln |Z| and phase with the base clamped."""
-        experiment = self.experiments[number]
-        rate = 2j * math.pi * experiment.measurement.frequency
+        rate = 2j * math.pi * self.measurement.frequency
         linear = float(system.spring.slope(timescales.rest(system)))
         mechanical = linear + system.damper.damping * rate + rate**2
         of_capacitance = system.transducer.own_rate + rate
         of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
-        key = "piezo.capacitance"
-        capacitance = experiment.scene.transducer.capacitance
-        if key in self.keys:
-            capacitance = values[self.keys.index(key)]
-        admittance = capacitance * of_capacitance + experiment.measurement.background
-        outputs = impedance_outputs(1.0 / admittance)
-        return np.column_stack(list(outputs.values()))
+        admittance = self.capacitance * of_capacitance + self.measurement.background
+        return np.column_stack(list(impedance_outputs(1.0 / admittance).values()))
 
-    def _response(self, system, scales, number, values):
+    @property
+    def capacitance(self) -> float:
+        """Clamped capacitance of the piezo (F)."""
+        return self.known.get("piezo.capacitance", self.scene.transducer.capacitance)
+
+    def _response(self, system, scales):
         """Complex voltage per base acceleration, before the sensors' effects."""
-        experiment = self.experiments[number]
-        measured = experiment.measurement
+        measured, transducer = self.measurement, system.transducer
         rate = 2j * math.pi * measured.frequency
-        transducer = system.transducer
         # These three belong to a unit of displacement: the state, the force on the mass, the
         # voltage.
         state = rate / (rate + transducer.decay_rate())
@@ -453,34 +455,28 @@ class Responses:
             damping = system.damper.damping + drag * amplitude
             return rate**2 + damping * rate + stiffness + slope * amplitude**2 + force
 
-        share = transducer.base_rate(1.0)
-        factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
-            gain = self._sensor(number, values, "sensor.acceleration_scale")
-            drive = factor * measured.acceleration / gain / self.length
+            base = measured.acceleration / self.sensor(BASE_SCALE)
             voltage = np.abs(measured.response) * measured.acceleration
+            drive = self.base_factor * base / self.length
             amplitude = _amplitude(impedance, drive, voltage / np.abs(volts))
-        sign = -1.0 if experiment.scene.units == "SI" else 1.0
+        sign = -1.0 if self.scene.units == "SI" else 1.0
         moved = impedance(amplitude)
         # The base drives the state as X does, by the share of η; the part of the force that stems
         # from it is subtracted.
-        driven = (1.0 + share * (moved - force)) / moved
-        return factor * sign * volts * driven / self.length
+        driven = (1.0 + transducer.base_rate(1.0) * (moved - force)) / moved
+        return self.base_factor * sign * volts * driven / self.length
 
-    def _gain_of_sensors(self, number, values):
+    def _gain_of_sensors(self):
         """The sensors' gain (complex) at each frequency."""
-        frequency = self.experiments[number].measurement.frequency
+        frequency = self.measurement.frequency
         rate = 2j * math.pi * frequency
-
-        def effect(name):
-            return self._sensor(number, values, f"sensor.{name}")
-
-        gain = effect("voltage_scale") / effect("acceleration_scale")
-        gain = gain * np.exp(-rate * effect("voltage_delay"))
-        gain = gain / (1.0 + rate * effect("voltage_filter"))
+        gain = self.sensor("sensor.voltage_scale") / self.sensor(BASE_SCALE)
+        gain = gain * np.exp(-rate * self.sensor("sensor.voltage_delay"))
+        gain = gain / (1.0 + rate * self.sensor("sensor.voltage_filter"))
         for name, power in (("voltage", 1), ("acceleration", -1)):
-            first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
+            first, second = (corner / (1j * frequency) for corner in self._corners(name))
             gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
         return gain
 

@@ -16,16 +16,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.identification.fitting import NOTED, Fitted, fitted
+from harvester.identification.fitting import LITTLE, NOTED, Fitted, fitted
 from harvester.identification.intervals import normal_equations
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.unknowns import FORCE, LOAD, unknowns
+from harvester.identification.unknowns import (
+    DRAG,
+    FORCE,
+    LOAD,
+    as_coefficients,
+    factor_key,
+    factor_of,
+    power_of,
+    with_values,
+)
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     SURE,
     block_means,
     mean_of,
-    validated,
 )
 from harvester.scene.numbers import numbers
 
@@ -36,10 +44,6 @@ if TYPE_CHECKING:
 # A trial pair of stoppers begins at this share of the greatest displacement, with this share of the
 # stiffness that counts as one (`sizes_of`).
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
-SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
-# Share of a size that is too little to change the motion.
-LITTLE = 1e-6
-DRAG = "oscillator.quadratic_damping"
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
@@ -51,9 +55,6 @@ PROMISING, MOST_FITTED, NEARLY_AS_MUCH = 0.02, 6, 0.5
 STEPS = (1.0, 0.3, 0.1, 0.03)
 # A fitted value has moved if it differs from its first one by this share of its size.
 MOVED = 1e-4
-# Change of a load's logarithm for a difference quotient; most by which a step changes it, and most
-# steps to its value, which end when it changes by less than this share.
-LOAD_STEP, LARGEST_LOAD_STEP, LOAD_STEPS, LOAD_SETTLED = 1e-4, 1.0, 8, 2e-3
 # Once the next power is free too, a spring's value is uncertain if half of its 95 % interval
 # exceeds this share of the value. Measured shares: right models had 0.003 under noise and 0.02 to 5
 # under three sines. Cubic models of softening springs under three sines, with errors of 0.02, 0.05,
@@ -134,18 +135,9 @@ class NextPower(NamedTuple):
         return {key: half for key, half in self.halves.items() if not half <= UNCERTAIN}
 
 
-class _Part(NamedTuple):
-    """A further part: keys that are free in addition, or the record whose load is another."""
-
-    name: str
-    keys: tuple[str, ...]
-    record: int | None = None
-
-
 def rival_models(
     own: Rival,
     measurements: Sequence[Measurement],
-    sizes: dict[str, float],
     start: Scene,
     keys: Sequence[str],
     report: Callable[[str], object],
@@ -154,8 +146,6 @@ def rival_models(
 
     Parameters
     ----------
-    sizes : dict of str to float
-        Sizes from the fitted motion.
     start : Scene
         The scene before the fit.
     keys : sequence of str
@@ -167,21 +157,19 @@ def rival_models(
     models = [own]
     for name, scene, free in _plainer(base.scene, base.keys):
         report(name)
-        models.append(_tried(name, base, scene, measurements, free, sizes, base))
-    parts = _parts(base, measurements, sizes)
-    models += _further(base, parts, measurements, sizes, report)
+        models.append(_tried(name, base, scene, measurements, free, base))
+    models += _further(base, _parts(base, measurements), measurements, report)
     if own.explains or any(model.explains and model.is_better for model in models):
         return models
     # Large differences, to which no fit leads that begins at the wrong model: the simplest first.
     further: list[tuple[str, Scene, Any, Any]] = []
     if not isinstance(measurements[0], MeasuredResponse):
         further += [(name, start, records, keys) for name, records in turned(measurements)]
-    further += [
-        (name, scene, measurements, free) for name, scene, free in _structures(start, keys, sizes)
-    ]
+    structures = _structures(start, keys, base.sizes)
+    further += [(name, scene, measurements, free) for name, scene, free in structures]
     for name, scene, records, free in further:
         report(name)
-        again = _tried(name, base, scene, records, free, sizes, None)
+        again = _tried(name, base, scene, records, free, None)
         near = next((model for model in models if model.name == name), again)
         if near.fitted is None or (again.fitted and again.better <= near.better):
             near = again
@@ -191,12 +179,12 @@ def rival_models(
     return models
 
 
-def _tried(name, base, scene, measurements, keys, sizes, warm):
+def _tried(name, base, scene, measurements, keys, warm):
     """The rival, or why it cannot be fitted."""
     if not keys:
         return Rival(name, None, remark="not tried: none of its values is free")
     try:
-        other = fitted(scene, measurements, keys, sizes, warm)
+        other = fitted(scene, measurements, keys, base.sizes, warm)
     except HarvesterError as error:
         return Rival(name, None, remark=f"no fit: {error}")
     return _compared(name, base, other)
@@ -216,8 +204,7 @@ def _compared(name, base, other):
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
     mean = mean_of(np.array(ratios))
-    explains = all(record.is_explained for record in validated(other))
-    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, explains)
+    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, other.explains)
 
 
 def proposed(models: Sequence[Rival]) -> Rival:
@@ -260,12 +247,6 @@ def _degree(force):
     return max((n for n, k in enumerate(force) if k != 0.0), default=0)
 
 
-def _spring_keys(keys, left_out=()):
-    """Keys with a spring's values as coefficients, without some powers."""
-    keys = [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
-    return [key for key in keys if key not in {FORCE.format(n) for n in left_out}]
-
-
 def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, list[str]]]:
     """Name, scene and keys of each model with a part less."""
     force = _coefficients(scene)
@@ -286,7 +267,8 @@ def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, li
             plain_scene = scene.replace({"oscillator.restoring_force": plain})
         except HarvesterError:
             continue
-        yield name, plain_scene, _spring_keys(keys, left_out)
+        dropped = {FORCE.format(n) for n in left_out}
+        yield name, plain_scene, [key for key in as_coefficients(keys) if key not in dropped]
     if scene.oscillator.quadratic_damping > 0.0:
         yield "no drag", scene.replace({DRAG: 0.0}), [key for key in keys if key != DRAG]
     if scene.stoppers:
@@ -313,7 +295,8 @@ def _structures(
             changed[n] = sign * STOPPER_STIFFNESS * sizes[FORCE.format(n)]
         reach = SOFT_RANGE * sizes["stoppers.gap"]
         limit = {"oscillator.restoring_force_range": [-reach, reach]} if sign < 0.0 else {}
-        free = [*_spring_keys(keys, added), *(FORCE.format(n) for n in added)]
+        new = [FORCE.format(n) for n in added]
+        free = [*(key for key in as_coefficients(keys) if key not in new), *new]
         try:
             yield name, scene.replace({"oscillator.restoring_force": changed, **limit}), free
         except HarvesterError:
@@ -340,120 +323,68 @@ def _next_powers(scene):
     return name, added
 
 
-def _gains(base, measurements):
-    """Gains of the channels that are neither given nor free."""
-    given = {key for record in measurements for key in record.sensors}
-    names = ("acceleration", *measurements[0].sensed)
-    keys = {name: f"sensor.{name}_scale" for name in names}
-    return [
-        _Part(f"gain of the {name}", (key,))
-        for name, key in keys.items()
-        if key not in {*given, *base.keys}
-    ]
-
-
-def _parts(base, measurements, sizes):
-    """All further parts that the model may have."""
-    springs = [_next_powers(base.scene)]
-    force = _coefficients(base.scene)
+def _parts(base, measurements):
+    """Name and further keys of each part that the model may have in addition."""
+    springs, force = [_next_powers(base.scene)], _coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
         springs.append(("asymmetric spring", [2]))
-    parts = [_Part(name, tuple(map(FORCE.format, powers))) for name, powers in springs if powers]
-    if DRAG in sizes and not base.scene.oscillator.quadratic_damping:
-        parts.append(_Part("drag", (DRAG,)))
+    parts = [(name, [*map(FORCE.format, powers)]) for name, powers in springs if powers]
+    if not base.scene.oscillator.quadratic_damping:
+        parts.append(("drag", [DRAG]))
     outputs = list(measurements[0].sensed)
     if isinstance(measurements[0], MeasuredResponse):
         return parts
-    effects = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
-    effects["delay between the channels"] = [f"sensor.{output}_delay" for output in outputs]
-    effects |= {f"low-pass of the {output}": [f"sensor.{output}_filter"] for output in outputs}
-    if "voltage" in outputs:
-        effects["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    effects = [
+        ("AC-coupled accelerometer", ["sensor.acceleration_highpass"]),
+        ("delay between the channels", [f"sensor.{output}_delay" for output in outputs]),
+        *((f"low-pass of the {output}", [f"sensor.{output}_filter"]) for output in outputs),
+        *[("AC-coupled voltage", ["sensor.voltage_highpass"])] * ("voltage" in outputs),
+        *((f"gain of the {name}", [f"sensor.{name}_scale"]) for name in ("acceleration", *outputs)),
+    ]
     taken = {*base.keys, *(key for record in measurements for key in record.sensors)}
-    parts += [_Part(name, tuple(keys)) for name, keys in effects.items() if not {*keys} & taken]
-    parts += _gains(base, measurements)
+    parts += [(name, keys) for name, keys in effects if not {*keys} & taken]
     if LOAD in numbers(base.scene) and LOAD not in base.keys and "voltage" in outputs:
         parts += [
-            _Part(f"load of {record.name}", (), number)
+            (f"load of {record.name}", [factor_key(LOAD, [number])])
             for number, record in enumerate(measurements)
             if not isinstance(record, MeasuredResponse)
         ]
     return parts
 
 
-def _problem(base, keys, sizes):
-    """The fit's problem with further keys at their values without effect, and the scene."""
-    scene, free = base.scene, base.keys
-    powers = [n for n in range(HIGHEST_POWER + 1) if FORCE.format(n) in keys]
-    experiments = base.shooting.responses.experiments
-    if DRAG in keys:
-        # A drag of 0 is no number of a scene.
-        scene = scene.replace({DRAG: LITTLE * sizes[DRAG]})
-    if powers:
-        force = _coefficients(scene)
-        spring = {"oscillator.restoring_force": [*force, *[0.0] * (max(powers) + 1 - len(force))]}
-        scene, free = scene.replace(spring), _spring_keys(free)
-        experiments = [replace(one, scene=one.scene.replace(spring)) for one in experiments]
-    old = zip(unknowns(scene, free, sizes), base.values, strict=True)
-    # The added values begin near 0, so their sizes come from the motion, not from their starts.
-    added = unknowns(scene, keys, sizes)
-    added = [replace(one, size=sizes.get(one.key, one.size)) for one in added]
-    every = [*(unknown.begun(value) for unknown, value in old), *added]
-    responses = base.shooting.responses.replaced(experiments, [one.key for one in every])
-    shooting = base.shooting.beside(responses, every)
-    return shooting, replace(base.fit, values=np.array([one.start for one in every])), scene
-
-
-def _further(base, parts, measurements, sizes, report):
+def _further(base, parts, measurements, report):
     """Rivals with a further part, in the order of their expected gain."""
     if not parts:
         return []
-    keys = list(dict.fromkeys(key for part in parts for key in part.keys))
-    shooting, fit, _ = _problem(base, keys, sizes)
-    records = [part.record for part in parts if part.record is not None]
-    equations = _equations(shooting, fit, records)
-    if equations is None:
-        return [Rival(part.name, None, remark="not tried: the device diverges") for part in parts]
-    count = len(base.keys)
-    names = [*base.keys, *keys, *records]
+    keys = list(dict.fromkeys(key for _, further in parts for key in further))
+    shooting, fit, _ = base.extended(keys)
+    if not math.isfinite(shooting.cost(fit)):
+        return [Rival(name, None, remark="not tried: the device diverges") for name, _ in parts]
+    equations, count = normal_equations(shooting, fit), len(base.keys)
     least, _ = _promised(equations, range(count))
     promises = []
     for part in parts:
-        further = part.keys if part.record is None else (part.record,)
-        members = [names.index(key, count) for key in further]
+        members = [count + keys.index(key) for key in part[1]]
         gain, step = _promised(equations, [*range(count), *members])
-        one_sided = part.record is None and any(
+        one_sided = any(
             fit.values[n] - shooting.low[n] <= LITTLE * shooting.sizes[n] and step[count + k] <= 0.0
             for k, n in enumerate(members)
         )
         promises.append((0.0 if one_sided else (gain - least) / fit.cost, part, step))
     promises.sort(key=lambda promise: -promise[0])
     models, enough = [], False
-    for number, (promise, part, step) in enumerate(promises):
+    for number, (promise, (name, further), step) in enumerate(promises):
         if promise < PROMISING:
             remark = "not tried: it explains nothing of the residuals"
         elif number >= MOST_FITTED or (enough and promise < NEARLY_AS_MUCH * promises[0][0]):
             remark = f"not tried: it promises less, {promise:.0%} of the residuals' square"
         else:
-            report(part.name)
-            fit_it = _with_part if part.record is None else _with_load
-            models.append(fit_it(base, part, measurements, sizes, step))
+            report(name)
+            models.append(_with_part(base, name, further, measurements, step))
             enough = enough or (models[-1].explains and models[-1].is_better)
             continue
-        models.append(Rival(part.name, None, remark=remark))
+        models.append(Rival(name, None, remark=remark))
     return models
-
-
-def _equations(shooting, fit, records):
-    """Normal equations of all unknowns and some records' loads (ln R); None where it diverges."""
-    if not math.isfinite(shooting.cost(fit)):
-        return None
-    changed = []
-    for number in records:
-        experiment = shooting.responses.experiments[number]
-        load = {LOAD: math.exp(LOAD_STEP) * numbers(experiment.scene)[LOAD][0]}
-        changed.append({number: replace(experiment, scene=experiment.scene.replace(load))})
-    return normal_equations(shooting, fit, changed, LOAD_STEP)
 
 
 def _promised(equations, places):
@@ -463,11 +394,11 @@ def _promised(equations, places):
     return float(-some.gradient @ step), step
 
 
-def _with_part(base, part, measurements, sizes, step):
+def _with_part(base, name, further, measurements, step):
     """The rival with a part, fitted from where the regression leads."""
-    shooting, fit, scene = _problem(base, list(part.keys), sizes)
+    shooting, fit, scene = base.extended(further)
     if not shooting.linearized(fit):
-        return Rival(part.name, None, remark="not tried: the device diverges")
+        return Rival(name, None, remark="not tried: the device diverges")
     trials = []
     for share in STEPS:
         target = np.clip(fit.values + share * step * shooting.sizes, shooting.low, shooting.high)
@@ -476,49 +407,25 @@ def _with_part(base, part, measurements, sizes, step):
         trials.append((shooting.cost(trial), trial))
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
-        return Rival(part.name, None, remark="not tried: no step towards it lowers the residuals")
+        return Rival(name, None, remark="not tried: no step towards it lowers the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
-    count = len(base.keys)
-    values = dict(zip(part.keys, map(float, begun.values[count:]), strict=True))
-    changes = {key: value for key, value in values.items() if not key.startswith("sensor.")}
-    keys = [unknown.key for unknown in shooting.unknowns]
-    try:
-        model = _tried(part.name, base, scene.replace(changes), measurements, keys, sizes, warm)
-    except HarvesterError as error:
-        return Rival(part.name, None, remark=f"no fit: {error}")
+    keys, count = shooting.responses.keys, len(base.keys)
+    begun_scene = with_values(scene, further, begun.values[count:])
+    if begun_scene is None:
+        return Rival(name, None, remark="no fit: the scene refuses its values")
+    model = _tried(name, base, begun_scene, measurements, keys, warm)
     if model.fitted is not None:
         moved = np.abs(model.fitted.values[count:] - fit.values[count:])
         if (moved < MOVED * shooting.sizes[count:]).all():
-            return Rival(part.name, None, remark="not tried: its values did not move")
+            return Rival(name, None, remark="not tried: its values did not move")
+        if of := factor_of(further[0]):
+            stated = numbers(shooting.responses.experiments[of[1][0]].scene)[LOAD][0]
+            other = stated * model.fitted.values[-1]
+            model = model._replace(name=f"{name} ({other:.4g} Ω for {stated:.4g} Ω)")
     return model
 
 
-def _with_load(base, part, measurements, sizes, step):
-    """The rival in which one record's load is another: the value at which all records agree."""
-    number, records, warm = part.record, list(measurements), base
-    model, factor = None, 1.0
-    for _ in range(LOAD_STEPS):
-        change = float(np.clip(step[-1], -LARGEST_LOAD_STEP, LARGEST_LOAD_STEP))
-        factor *= math.exp(change)
-        record = measurements[number]
-        stated = record.changes.get(LOAD) or numbers(base.scene)[LOAD][0]
-        changes = {**record.changes, LOAD: factor * stated}
-        records[number] = replace(record, changes=changes)
-        name = f"{part.name} ({factor * stated:.4g} Ω for {stated:.4g} Ω)"
-        trial = _tried(name, base, base.scene, records, base.keys, sizes, warm)
-        if trial.fitted is None:
-            return model or trial
-        if model is None or trial.better < model.better:
-            model = trial
-        warm = trial.fitted
-        equations = _equations(warm.shooting, warm.fit, [number])
-        if equations is None or abs(change) < LOAD_SETTLED:
-            break
-        step = equations.step
-    return model
-
-
-def next_power(base: Fitted, sizes: dict[str, float]) -> NextPower | None:
+def next_power(base: Fitted) -> NextPower | None:
     """The model compared with one with the spring's next power; None if there is none.
 
     A few sines of nearly one amplitude show the force at that amplitude, which many springs have:
@@ -527,25 +434,20 @@ def next_power(base: Fitted, sizes: dict[str, float]) -> NextPower | None:
     _, powers = _next_powers(base.scene)
     if base.settled is None or not powers:
         return None
-    shooting, fit, _ = _problem(base, list(map(FORCE.format, powers)), sizes)
-    if (equations := _equations(shooting, fit, [])) is None:
+    shooting, fit, _ = base.extended(list(map(FORCE.format, powers)))
+    if not math.isfinite(shooting.cost(fit)):
         return None
+    equations = normal_equations(shooting, fit)
     step = equations.step * shooting.sizes
     errors = np.sqrt(np.maximum(np.diag(equations.covariance), 0.0)) * shooting.sizes
-    spring = {n: key for n, key in enumerate(base.keys) if _power(key) and base.values[n]}
+    spring = {n: key for n, key in enumerate(base.keys) if power_of(key) and base.values[n]}
     halves = HALF_INTERVAL * errors[: len(base.keys)] / np.abs(base.values)
     return NextPower(
         max(powers),
         float(step[-1] / errors[-1]),
         {key: abs(float(step[n] / base.values[n])) for n, key in spring.items()},
-        {key: float(halves[n]) for n, key in spring.items() if _power(key) > 1},
+        {key: float(halves[n]) for n, key in spring.items() if power_of(key) > 1},
     )
-
-
-def _power(key):
-    """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
-    index = key.removeprefix(FORCE[:-3]).rstrip("]")
-    return SHORT_NAMES.get(key, 0) or (int(index) if index.isdigit() else 0)
 
 
 def turned(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Measurement]]]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.linear_start import starts_from
-from harvester.identification.measurement import frequencies
 from harvester.identification.shooting import (
     Shooting,
     ShootingFit,
@@ -30,8 +29,6 @@ FIRST, ON_THE_WAY, LAST = 12, 6, 40
 # A fit ends when a step would lower its cost by less than this share: in all but the last fit, and
 # in the last.
 COARSE, FINE = 1e-3, 1e-6
-# Noise that the first fit assumes, as a share of an output's rms.
-FIRST_NOISE = 0.05
 # Most windows of the first fit.
 MOST_FIRST_WINDOWS = 2000
 # A window's start is in doubt if the mean square of its residuals exceeds this multiple of the
@@ -65,8 +62,7 @@ def searched(
     follow : callable
         Function of the share done.
     """
-    values = np.array([unknown.start for unknown in unknowns])
-    best, starts = None, starts_from(responses, values)
+    best, starts = None, starts_from(responses, unknowns)
     for number, start in enumerate(starts):
         follow(STARTS_SHARE * number / len(starts))
         tried = _short(responses, unknowns, start, lengths)
@@ -100,8 +96,7 @@ def _short(responses, unknowns, start, lengths):
         cut = short_windows(record.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
-        outputs = record.measurement.outputs.values()
-        noise.append(np.array([FIRST_NOISE * np.std(values) for values in outputs]))
+        noise.append(record.measurement.assumed_noise)
     everywhere = [np.ones(len(states), bool) for states in begun]
     fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
@@ -157,18 +152,16 @@ def _longest(fit):
     return np.array([np.diff(edges).max() for edges in fit.edges])
 
 
-def settle_windows(
+def in_short_windows(
     shooting: Shooting,
     fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> ShootingFit:
-    """Fit the starts of windows in other stretches of the records, the device's values fixed.
+    """Shortest windows in other stretches of the records, started where a fit's values fit best.
 
     Parameters
     ----------
-    shooting : Shooting
-        A problem without unknowns of the device.
     fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
@@ -186,14 +179,12 @@ def settle_windows(
         everywhere = np.ones(cut.size - 1, bool)
         span = reach or reach_of(shooting.states(fit, number)[:, 0])
         begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
-    if not shooting.linearized(begun):
-        return begun
-    return followed(shooting, begun)
+    return begun
 
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
     """Edges of the shortest windows from one sample to another."""
-    period = measurement.sampling_rate / frequencies(measurement)[0]
+    period = measurement.sampling_rate / measurement.frequencies[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
     count = max(1, round((last - first) / max(width, FEWEST_SAMPLES)))
     return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))

@@ -24,14 +24,15 @@ from harvester.records.time_base import SPLINE_DEGREE
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
-# Values at which a sensor's effect vanishes (0 of an offset, 1 of a scale). A high-pass is given by
-# its corner (Hz), of first order, or of second (Butterworth's); the resistance (Ω) belongs to the
-# input, in parallel with the load.
-HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
-OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
+# Effects of sensors. A high-pass is given by its corner (Hz), of first order, or of second
+# (Butterworth's); the resistance (Ω) is that of the input, in parallel with the load. `NEUTRAL` has
+# the values without effect that are not 0.
+HIGHPASSES = ("highpass", "highpass2")
+NEUTRAL = {"scale": 1.0, "resistance": math.inf}
+OUTPUT_EFFECTS = ("offset", "scale", "delay", "filter")
 # The base's sensor has no delay: it would equal an opposite delay of all outputs.
-BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
-VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
+BASE_EFFECTS = ("offset", "scale", *HIGHPASSES)
+VOLTAGE_EFFECTS = (*HIGHPASSES, "resistance")
 # Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
 # a period its error is 1e-4 of the amplitude. There is one matrix for each position of the step
 # among the six; it gives each sample's polynomial, from the step's beginning.
@@ -56,18 +57,18 @@ REQUIRED = {
 }
 
 
-def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
-    """Keys of the sensors that a record has, to their values without effect."""
-    keys = {f"sensor.acceleration_{effect}": v for effect, v in BASE_EFFECTS.items()}
+def sensor_keys(outputs: Sequence[str]) -> list[str]:
+    """Keys of the sensors that a record has."""
+    keys = [f"sensor.acceleration_{effect}" for effect in BASE_EFFECTS]
     for output in outputs:
-        effects = OUTPUT_EFFECTS | (VOLTAGE_EFFECTS if output == "voltage" else {})
-        keys |= {f"sensor.{output}_{effect}": v for effect, v in effects.items()}
+        effects = OUTPUT_EFFECTS + (VOLTAGE_EFFECTS if output == "voltage" else ())
+        keys += [f"sensor.{output}_{effect}" for effect in effects]
     return keys
 
 
 def neutral(key: str) -> float:
     """A sensor's value without effect."""
-    return sensor_keys(OUTPUTS)[key]
+    return NEUTRAL.get(key.rpartition("_")[2], 0.0)
 
 
 def checked_sensors(
@@ -80,10 +81,10 @@ def checked_sensors(
     SceneError
         No such effect, no number, or one that no sensor has.
     """
-    neutral_values, numbers = sensor_keys(outputs), {}
+    names, numbers = sensor_keys(outputs), {}
     for key, value in values.items():
-        if key not in neutral_values:
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, neutral_values)}")
+        if key not in names:
+            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, names)}")
         number = float(value) if isinstance(value, (int, float)) else math.nan
         effect = key.rpartition("_")[2]
         requirement, holds = REQUIRED.get(effect, ("a number", math.isfinite))

@@ -108,23 +108,26 @@ class Shooting:
         return self.beside(alone, self.unknowns, count), windows
 
     def residuals(
-        self,
-        number: int,
-        values: np.ndarray,
-        edges: np.ndarray,
-        starts: np.ndarray,
-        noise: np.ndarray,
-    ) -> tuple[Any, Any]:
-        """Weighted residuals of one experiment, shape (samples, outputs), and the ends; or None."""
-        _, ends, outputs = self.responses.states(number, values, edges, starts)
-        if outputs is None or not np.isfinite(outputs).all():
-            return None, None
-        return (outputs - self.seen(number, edges)) / noise, ends
+        self, fit: ShootingFit, number: int, values: Any = None, starts: Any = None
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
+        """Weighted residuals of one experiment, its windows' ends, and each window's cost.
 
-    def residuals_of(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
-        """`residuals` of one experiment of a fit."""
-        edges, starts, noise = fit.edges[number], fit.starts[number], fit.noise[number]
-        return self.residuals(number, fit.values, edges, starts, noise)
+        Where a solution runs away, residuals are 0 and the cost is inf.
+
+        Parameters
+        ----------
+        values, starts : ndarray, optional
+            By default those of the fit.
+        """
+        edges = fit.edges[number]
+        values = fit.values if values is None else values
+        starts = fit.starts[number] if starts is None else starts
+        _, ends, outputs = self.responses.states(number, values, edges, starts)
+        left = (np.nan if outputs is None else outputs) - self.seen(number, edges)
+        left = left / fit.noise[number]
+        costs = np.add.reduceat(np.sum(left**2, axis=1), edges[:-1] - edges[0])
+        costs[~np.isfinite(costs)] = np.inf
+        return np.nan_to_num(left, posinf=0.0, neginf=0.0), ends, costs
 
     def states(self, fit: ShootingFit, number: int) -> Any:
         """States at the samples of one experiment of a fit, shape (samples, 3)."""
@@ -138,49 +141,52 @@ class Shooting:
 
     def cost(self, fit: ShootingFit) -> float:
         """Sum of squares; inf where the device runs away."""
-        total = 0.0
-        for number in range(len(fit.edges)):
-            residuals, _ = self.residuals_of(fit, number)
-            if residuals is None:
-                return np.inf
-            total += float(np.sum(residuals**2))
-        return total
+        return float(sum(self.residuals(fit, n)[2].sum() for n in range(len(fit.edges))))
 
     def jacobian(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
         """[J_unknowns, J_states, r] of one experiment and its windows' transitions, or None.
 
         Columns are in sizes; transitions have the shape (windows, 3, 3).
         """
-        edges, starts, noise = fit.edges[number], fit.starts[number], fit.noise[number]
-        base, ends = self.residuals(number, fit.values, edges, starts, noise)
-        if base is None:
+        base, ends, costs = self.residuals(fit, number)
+        if not np.isfinite(costs).all():
             return None, None
-        p, existing = len(self.unknowns), self.states_there[number]
+        p = len(self.unknowns)
         table = np.zeros((*base.shape, p + 4))
         table[..., -1] = base
-        transitions = np.zeros((len(starts), 3, 3))
 
         def of_value(k):
             moved = fit.values.copy()
             moved[k] += DIFFERENCE * self.sizes[k] * (-1.0 if moved[k] >= self.high[k] else 1.0)
-            shifted, _ = self.residuals(number, moved, edges, starts, noise)
-            if shifted is not None:
+            shifted, _, costs = self.residuals(fit, number, moved)
+            if np.isfinite(costs).all():
                 table[..., k] = (shifted - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
+
+        # Each call fills its own column, so the threads' order does not change the result.
+        side_by_side(of_value, range(p))
+        table[..., p:-1], transitions = self.by_states(fit, number, fit.starts[number], base, ends)
+        return table, transitions
+
+    def by_states(
+        self, fit: ShootingFit, number: int, starts: np.ndarray, left: np.ndarray, ends: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of residuals and of windows' ends by the windows' starts, in sizes.
+
+        Shapes (samples, outputs, 3) and (windows, 3, 3). `left` and `ends` belong to the starts.
+        """
+        sizes, lengths = self.state_sizes[number], np.diff(fit.edges[number])
+        columns, transitions = np.zeros((*left.shape, 3)), np.zeros((len(starts), 3, 3))
 
         def of_state(k):
             moved = starts.copy()
-            moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
-            shifted, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
-            if shifted is not None:
-                table[..., p + k] = (shifted - base) / DIFFERENCE
-                transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
+            moved[:, k] += DIFFERENCE * sizes[k]
+            shifted, moved_ends, costs = self.residuals(fit, number, starts=moved)
+            bounded = np.repeat(np.isfinite(costs), lengths)[:, None]
+            columns[..., k] = np.where(bounded, shifted - left, 0.0) / DIFFERENCE
+            transitions[:, :, k] = (moved_ends - ends) / sizes / DIFFERENCE
 
-        # Each call fills its own column, so the threads' order does not change the result.
-        side_by_side(
-            lambda column: of_value(column) if column < p else of_state(column - p),
-            [*range(p), *(p + np.flatnonzero(existing))],
-        )
-        return table, transitions
+        side_by_side(of_state, np.flatnonzero(self.states_there[number]))
+        return columns, transitions
 
     def linearized(self, fit: ShootingFit) -> bool:
         """Fill the Gram matrices of all windows; whether the device stays within bounds."""
@@ -192,9 +198,7 @@ class Shooting:
                 fit.grams = []
                 return False
             cuts = edges - edges[0]
-            size = table.shape[-1]
-            parts = [table[a:b].reshape(-1, size) for a, b in pairwise(cuts)]
-            fit.grams.append(np.array([part.T @ part for part in parts]))
+            fit.grams.append(_grams(table, cuts))
             fit.transitions.append(transitions)
             shares = self._shares(number, fit.noise[number])
             moved = np.linalg.norm(table[..., p:-1] * shares[:, None], axis=(1, 2))
@@ -235,7 +239,7 @@ class Shooting:
         """Changes of all window starts that go with a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
-            inverse = self._state_inverse(grams, damping)
+            inverse = _state_inverse(grams[:, p : p + 3, p : p + 3], damping)
             right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
             moves.append(-np.einsum("wij,wj->wi", inverse, right))
         return moves
@@ -246,7 +250,7 @@ class Shooting:
         normal, gradient = np.zeros((p, p)), np.zeros(p)
         diagonal = np.zeros(p)
         for grams in fit.grams:
-            inverse = self._state_inverse(grams, damping)
+            inverse = _state_inverse(grams[:, p : p + 3, p : p + 3], damping)
             cross = grams[:, :p, p : p + 3]
             normal += grams[:, :p, :p].sum(axis=0)
             diagonal += np.einsum("wii->i", grams[:, :p, :p])
@@ -255,15 +259,6 @@ class Shooting:
             gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, grams[:, p : p + 3, -1])
         normal += damping * np.diag(np.maximum(diagonal, 1e-300))
         return normal, gradient
-
-    def _state_inverse(self, grams, damping):
-        p = len(self.unknowns)
-        block = grams[:, p : p + 3, p : p + 3].copy()
-        sizes = np.einsum("wii->wi", block)
-        largest = sizes.max(axis=1, keepdims=True)
-        ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
-        block[:, range(3), range(3)] += ridge
-        return np.linalg.inv(block)
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
         """The fit at the minimum of its cost, its windows unchanged.
@@ -324,36 +319,35 @@ class Shooting:
     def reweighted(self, fit: ShootingFit) -> ShootingFit:
         """The fit with each output's noise as its residuals show it."""
         noise = []
-        for number in range(len(fit.edges)):
-            residuals, _ = self.residuals_of(fit, number)
-            rms = np.sqrt(np.mean(residuals**2, axis=0)) if residuals is not None else 1.0
-            noise.append(fit.noise[number] * np.maximum(rms, 1e-6))
+        for number, level in enumerate(fit.noise):
+            residuals, _, costs = self.residuals(fit, number)
+            rms = np.sqrt(np.mean(residuals**2, axis=0)) if np.isfinite(costs).all() else 1.0
+            noise.append(level * np.maximum(rms, 1e-6))
         return replace(fit, noise=noise)
 
 
+def _grams(table, cuts):
+    """[J r]ᵀ[J r] of each window, from the table of an experiment."""
+    parts = [table[a:b].reshape(-1, table.shape[-1]) for a, b in pairwise(cuts)]
+    return np.array([part.T @ part for part in parts])
+
+
+def _state_inverse(block, damping):
+    """Inverses of the windows' normal matrices of their starts, damped alike or each by its own."""
+    block, sizes = block.copy(), np.einsum("wii->wi", block)
+    largest = sizes.max(axis=1, keepdims=True)
+    ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
+    block[:, range(3), range(3)] += ridge
+    return np.linalg.inv(block)
+
+
+# Number of displacements to try for each window's start.
 DISPLACEMENTS = 15
 # Number of displacements per window, the best of those tried, from which its states are fitted.
 MOST_TRIED = 2
 ITERATIONS = 8
 # A window's fit ends when a step promises to lower its cost by less than this share.
 SETTLED = 1e-4
-
-
-def weighted_residuals(
-    shooting: Shooting, number: int, fit: ShootingFit, starts: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residuals of windows with these starts, and each window's sum of squares.
-
-    After a solution has diverged, residuals are 0 and the sum is inf.
-    """
-    edges = fit.edges[number]
-    _, _, outputs = shooting.responses.states(number, fit.values, edges, starts)
-    if outputs is None:
-        outputs = np.nan
-    residuals = (outputs - shooting.seen(number, edges)) / fit.noise[number]
-    costs = np.add.reduceat(np.sum(residuals**2, axis=1), edges[:-1] - edges[0])
-    costs[~np.isfinite(costs)] = np.inf
-    return np.nan_to_num(residuals, posinf=0.0, neginf=0.0), costs
 
 
 def settled(
@@ -367,46 +361,28 @@ def settled(
 
     Windows whose starts are NaN stay unchanged.
     """
-    sizes, lengths = shooting.state_sizes[number], np.diff(fit.edges[number])
-    residuals, costs = weighted_residuals(shooting, number, fit, starts)
+    sizes, edges = shooting.state_sizes[number], fit.edges[number]
+    left, ends, costs = shooting.residuals(fit, number, starts=starts)
     damping = np.full(len(starts), 1e-2)
     moving = np.isfinite(starts).all(axis=1)
     for _ in range(iterations):
         begun = np.where(moving[:, None], starts, np.nan)
-        step, promised = _step(shooting, number, fit, begun, residuals, damping)
+        columns, _ = shooting.by_states(fit, number, begun, left, ends)
+        grams = _grams(np.concatenate([columns, left[..., None]], axis=2), edges - edges[0])
+        gradient = grams[:, :3, 3]
+        inverse = _state_inverse(grams[:, :3, :3], damping[:, None])
+        step = -np.einsum("wij,wj->wi", inverse, gradient)
+        moving &= -np.einsum("wk,wk->w", gradient, step) > SETTLED * costs
         trial = begun + step * sizes
-        trial_residuals, tried = weighted_residuals(shooting, number, fit, trial)
+        trial_left, _, tried = shooting.residuals(fit, number, starts=trial)
         better = tried < costs
         starts = np.where(better[:, None], trial, starts)
-        residuals = np.where(np.repeat(better, lengths)[:, None], trial_residuals, residuals)
-        moving &= promised > SETTLED * costs
+        left = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, left)
         costs = np.where(better, tried, costs)
         damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
         if not moving.any():
             break
     return starts, costs
-
-
-def _step(shooting, number, fit, starts, residuals, damping):
-    """Damped step of each window's start, in sizes, and the least decrease of the cost expected."""
-    sizes = shooting.state_sizes[number]
-    columns = np.zeros((*residuals.shape, 3))
-
-    def of_state(k):
-        moved = starts.copy()
-        moved[:, k] += DIFFERENCE * sizes[k]
-        shifted, _ = weighted_residuals(shooting, number, fit, moved)
-        columns[..., k] = (shifted - residuals) / DIFFERENCE
-
-    side_by_side(of_state, np.flatnonzero(shooting.states_there[number]))
-    cuts = fit.edges[number][:-1] - fit.edges[number][0]
-    normal = np.add.reduceat(np.einsum("nok,nol->nkl", columns, columns), cuts, axis=0)
-    gradient = np.add.reduceat(np.einsum("nok,no->nk", columns, residuals), cuts, axis=0)
-    diagonal = np.einsum("wii->wi", normal)
-    ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-300
-    normal[:, range(3), range(3)] += ridge
-    step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
-    return step, -np.einsum("wk,wk->w", gradient, step)
 
 
 def placed(
@@ -421,9 +397,7 @@ def placed(
     reach : (float, float)
         Least and greatest displacement.
     """
-    responses = shooting.responses
-    system, scales = responses.known_device(number, fit.values)
-    seen = motion(system, scales, responses.shown(number, fit.values))
+    seen = motion(shooting.responses.at(number, fit.values))
     places = fit.edges[number][:-1]
     states = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:
@@ -433,7 +407,7 @@ def placed(
         return np.column_stack([np.where(where, x, np.nan), states[:, 1:]])
 
     tried = np.linspace(*reach, DISPLACEMENTS)
-    costs = side_by_side(lambda x: weighted_residuals(shooting, number, fit, begun_at(x))[1], tried)
+    costs = side_by_side(lambda x: shooting.residuals(fit, number, starts=begun_at(x))[2], tried)
     order = np.argsort(costs, axis=0)
     best = states, np.full(places.size, np.inf)
     for rank in range(MOST_TRIED):
@@ -460,7 +434,7 @@ def repaired(
     starts, sums = [], []
     for number, chosen in enumerate(where):
         current = fit.starts[number]
-        best = current, weighted_residuals(shooting, number, fit, current)[1]
+        best = current, shooting.residuals(fit, number)[2]
         begun = np.where(chosen[:, None], current, np.nan)
         best = _better(best, settled(shooting, number, fit, begun, ITERATIONS // 2))
         current = best[0]

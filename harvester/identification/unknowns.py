@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -12,15 +12,15 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
-from harvester.identification.measurement import frequencies
 from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
 from harvester.scene.numbers import numbers
-from harvester.scene.prepared import prepared
-from harvester.scene.units import restoring_spring
+from harvester.scene.units import restoring_spring, setting
 
 if TYPE_CHECKING:
+    from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
+    from harvester.scene.tables import Oscillator
 
 # Tables of the scene whose numbers describe the device; the load's values are given.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
@@ -34,7 +34,8 @@ BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Word for all keys that are free by default.
 DEVICE = "device"
 MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
-ORIGIN = FORCE.format(0)
+ORIGIN, DRAG = FORCE.format(0), "oscillator.quadratic_damping"
+SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
@@ -132,6 +133,9 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     specified = numbers(scene)
     result = []
     for key in keys:
+        if factor_of(key):
+            result.append(Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0))
+            continue
         if key.startswith("sensor."):
             result.append(_of_sensor(key, sizes))
             continue
@@ -142,6 +146,35 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
             low += SMALLEST_SHARE * size
         result.append(Unknown(key, float(start), low, spec.high, size))
     return result
+
+
+def as_coefficients(keys: Sequence[str]) -> list[str]:
+    """Keys with a spring's values as coefficients of powers."""
+    return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
+
+
+def spring_key(oscillator: Oscillator, power: int) -> str:
+    """Key of the spring's coefficient of a power of x; empty if it has none."""
+    if oscillator.restoring_force is not None:
+        return FORCE.format(power)
+    return next((key for key, n in SHORT_NAMES.items() if n == power), "")
+
+
+def power_of(key: str) -> int:
+    """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
+    index = key.removeprefix(FORCE[:-3]).rstrip("]")
+    return SHORT_NAMES.get(key, 0) or (int(index) if index.isdigit() else 0)
+
+
+def factor_key(key: str, records: Iterable[int]) -> str:
+    """Key of a factor by which a known value of these records (numbers) is multiplied."""
+    return f"{key}@{','.join(map(str, records))}"
+
+
+def factor_of(key: str) -> tuple[str, list[int]] | None:
+    """Key of the known value that a factor multiplies, and its records; None of other keys."""
+    name, _, records = key.partition("@")
+    return (name, [int(number) for number in records.split(",")]) if records else None
 
 
 def _of_sensor(key, sizes):
@@ -158,14 +191,14 @@ def _of_sensor(key, sizes):
 def with_values(
     scene: Scene,
     keys: Sequence[str],
-    values: np.ndarray,
+    values: Iterable[float],
     others: Mapping[str, float] = MappingProxyType({}),
 ) -> Scene | None:
     """The scene with these numbers and others; None where its own checks refuse them."""
     changes = {
         key: float(value)
         for key, value in zip(keys, values, strict=True)
-        if not key.startswith("sensor.")
+        if not key.startswith("sensor.") and not factor_of(key)
     }
     try:
         return scene.replace({**changes, **others})
@@ -174,7 +207,7 @@ def with_values(
 
 
 def sizes_of(
-    scene: Scene, measurements: Sequence[Measurement], reach: float, speed: float
+    scene: Scene, measurements: Sequence[Measurement | MeasuredResponse], reach: float, speed: float
 ) -> dict[str, float]:
     """Typical magnitudes of the unknowns, including the sensors', by their keys.
 
@@ -197,7 +230,7 @@ def sizes_of(
     sizes["oscillator.quadratic_damping"] = damping / speed
     sizes["stoppers.gap"] = reach
     sizes["stoppers.stiffness"] = greatest / reach**1.5
-    frequency = frequencies(measurements[0])[0]
+    frequency = measurements[0].frequencies[0]
     for name in ("acceleration", "voltage"):
         for effect in HIGHPASSES:
             sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
@@ -210,8 +243,10 @@ def sizes_of(
     return sizes
 
 
-def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
+def first_sizes(
+    scene: Scene, measurements: Sequence[Measurement | MeasuredResponse]
+) -> dict[str, float]:
     """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
-    length = prepared(scene).scales.displacement
-    speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
+    length = setting(scene).length
+    speed = 2.0 * np.pi * measurements[0].frequencies[0] * length
     return sizes_of(scene, measurements, length, speed)

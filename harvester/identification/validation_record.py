@@ -11,25 +11,19 @@ no more than chance.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.measurement import frequencies
 from harvester.identification.response import NO_STATES, Responses
-from harvester.identification.search import settle_windows
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import Shooting, ShootingFit, without_states
 from harvester.scene.units import load_resistance
 from harvester.statistics.agreement import differ
-from harvester.statistics.estimate import Estimate
-
-if TYPE_CHECKING:
-    from harvester.identification.fitting import Fitted
+from harvester.statistics.estimate import Estimate, root
 
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
@@ -346,8 +340,8 @@ class WholeRecord(ValidationRecord):
         """Whether the measurement lies within the prediction: the orbit, rms and power."""
         return (
             self.measured_orbit == self.predicted_orbit
-            and within(self.measured_rms, self.predicted_rms)
-            and within(self.powers()[0], self.predicted_power)
+            and _within(self.measured_rms, self.predicted_rms)
+            and _within(self.powers()[0], self.predicted_power)
         )
 
     def __str__(self) -> str:
@@ -403,63 +397,32 @@ def mean_of(values: np.ndarray) -> Estimate:
 
 def root_mean_square(values: np.ndarray) -> Estimate:
     """rms of the first of several series (samples, outputs), with the error of its blocks."""
-    square = mean_of(block_means(values[:, 0] ** 2))
-    rms = math.sqrt(square.estimate)
-    error = square.standard_error / (2.0 * rms) if rms and square.standard_error else 0.0
-    return replace(square, estimate=rms, standard_error=error)
+    return root(mean_of(block_means(values[:, 0] ** 2)))
 
 
-def within(measured: Estimate, expected: Estimate) -> bool:
+def _within(measured: Estimate, expected: Estimate) -> bool:
     """Whether a measured value lies within its prediction's 95 % interval."""
     error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
     difference = measured.estimate - expected.estimate
     return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
 
 
-def predicted(
-    shooting: Shooting,
-    fit: ShootingFit,
-    parts: Sequence[tuple[int, int]],
-    reach: tuple[float, float] | None = None,
-) -> tuple[list[ValidationRecord], ShootingFit]:
-    """Motion and outputs of the fitted device in a part of each experiment.
-
-    Parameters
-    ----------
-    parts : sequence of (int, int)
-        First sample and end of each part.
-    reach : (float, float), optional
-        Scaled displacements between which the mass is looked for.
-
-    Returns
-    -------
-    list of ValidationRecord
-    ShootingFit
-        The windows of the parts with their starts.
-    """
-    settled = settle_windows(shooting.frozen(), fit, parts, reach)
-    responses, predictions = shooting.responses, []
-    for number, edges in enumerate(settled.edges):
-        experiment = responses.experiments[number]
-        starts = settled.starts[number]
-        _, _, windowed = responses.states(number, fit.values, edges, starts)
-        span = edges[[0, -1]]
-        _, _, free = responses.states(number, fit.values, span, starts[:1])
-        measurement, scene = experiment.measurement, experiment.scene
-        predictions.append(
-            ValidationRecord(
-                name=measurement.name,
-                outputs=tuple(measurement.outputs),
-                rate=measurement.sampling_rate,
-                measured=shooting.seen(number, edges),
-                windowed=windowed,
-                free=free,
-                windows=edges.size - 1,
-                resistance=load_resistance(scene) if scene.units == "SI" else None,
-                motion=frequencies(measurement)[0],
-            )
-        )
-    return predictions, settled
+def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
+    """What a device with a fit's values does in the fit's windows of one record."""
+    responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
+    experiment = responses.experiments[number]
+    measurement, scene = experiment.measurement, experiment.scene
+    return ValidationRecord(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=measurement.sampling_rate,
+        measured=shooting.seen(number, edges),
+        windowed=responses.states(number, fit.values, edges, starts)[2],
+        free=responses.states(number, fit.values, edges[[0, -1]], starts[:1])[2],
+        windows=edges.size - 1,
+        resistance=load_resistance(scene) if scene.units == "SI" else None,
+        motion=measurement.frequencies[0],
+    )
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
@@ -542,48 +505,50 @@ class Whiteness:
         return self.probability > 1e-3
 
 
+def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
+    """Autocorrelations of a series from lag 1 on; 0 of a constant."""
+    spectrum = np.abs(np.fft.rfft(values - values.mean(), 2 * values.size)) ** 2
+    series = np.fft.irfft(spectrum)[: lags + 1]
+    return series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+
+
 def _whiteness(residuals, per_period):
     """Autocorrelation of residuals at a lag of one period, in samples."""
     from scipy.stats import chi2
 
-    values = residuals - residuals.mean()
-    n = values.size
+    n = residuals.size
     lags = int(np.clip(round(WHITE_PERIODS * per_period), 4, n // 4))
-    spectrum = np.abs(np.fft.rfft(values, 2 * n)) ** 2
-    series = np.fft.irfft(spectrum)[: lags + 1]
-    correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+    correlations = autocorrelations(residuals, lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(correlations, HALF_INTERVAL / math.sqrt(n), float(chi2.sf(statistic, lags)))
 
 
-def validated(fitted: Fitted) -> list[ValidationRecord]:
-    """A fit's validation records with the residuals of each output."""
-    in_time = len(fitted.settled.edges) if fitted.settled else 0
-    judged = [
-        replace(record, unexplained=tuple(_unexplained(fitted, number)))
-        for number, record in enumerate(fitted.records[:in_time])
-    ]
-    return [*judged, *fitted.records[in_time:]]
+def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
+    """A prediction with what is left of each output.
 
-
-def _unexplained(fitted, number):
-    """Residuals of one record, with the fitted starts of the windows projected out."""
-    shooting, fit = fitted.shooting.frozen(), fitted.settled
+    `shooting` has the starts of `fit`'s windows as its only unknowns.
+    """
+    record, table = prediction(shooting, fit, number), shooting.jacobian(fit, number)[0]
+    if table is None:
+        # The device diverges: nothing is explained.
+        parts = [
+            Unexplained(name, math.inf, 0.0, math.inf, math.nan, False) for name in record.outputs
+        ]
+        return replace(record, unexplained=tuple(parts))
     measurement = shooting.responses.experiments[number].measurement
-    edges, noise = fit.edges[number], fit.noise[number]
+    edges, noise, parts = fit.edges[number], fit.noise[number], []
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
-    measured, table = shooting.seen(number, edges), shooting.jacobian(fit, number)[0]
     left, starts = table[..., -1], table[..., :-1]
-    drawn = without_states(_drawn(shooting, fit, number, measured), starts, cuts)
-    simulated = left * noise + measured
-    for output, name in enumerate(measurement.outputs):
+    drawn = without_states(_drawn(shooting, fit, number, record.measured), starts, cuts)
+    simulated = left * noise + record.measured
+    for output, name in enumerate(record.outputs):
         columns = _signals(measurement, inside, simulated[:, output])
-        alone = np.zeros((*measured.shape, columns.shape[1]))
+        alone = np.zeros((*record.measured.shape, columns.shape[1]))
         alone[:, output] = columns
         signals = without_states(alone, starts, cuts)[:, output]
         spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
         explained, ratio = _regressed(left[:, output], signals, spectrum)
-        unit = float(noise[output] / np.std(measured[:, output]))
+        unit = float(noise[output] / np.std(record.measured[:, output]))
         rms, drawn_rms, systematic = (
             unit * _rms(left[:, output]),
             unit * _rms(drawn[:, output]),
@@ -591,7 +556,9 @@ def _unexplained(fitted, number):
         )
         follows = ratio >= SYSTEMATIC and systematic >= UNNOTICED
         large = rms > TOO_LARGE * drawn_rms and rms**2 - drawn_rms**2 > UNNOTICED**2
-        yield Unexplained(name, rms, drawn_rms, systematic, ratio, not (follows or large))
+        is_noise = not (follows or large)
+        parts.append(Unexplained(name, rms, drawn_rms, systematic, ratio, is_noise))
+    return replace(record, unexplained=tuple(parts))
 
 
 def _drawn(shooting, fit, number, measured):

@@ -25,11 +25,9 @@ from harvester.engines.simulate import check_step
 from harvester.interop.deck import check_dialect, check_realization
 from harvester.interop.symbols import kicad_symbol, ltspice_symbol
 from harvester.scene.paths import noise_path, start_state
-from harvester.scene.prepared import prepared
 from harvester.scene.steps import STEP_LEVELS, knot_spacing
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
     from harvester.scene.prepared import Prepared
 
 # Periods of the device that the deck runs by default.
@@ -77,7 +75,7 @@ class Block:
 
 
 def block_of(
-    scene: Scene,
+    setup: Prepared,
     step: str | float = "default",
     realization: int = 0,
     displacement_unit: float = 1e-3,
@@ -100,7 +98,7 @@ def block_of(
     ------
     HarvesterError
     """
-    setup = prepared(scene)
+    scene = setup.scene
     check_block(setup)
     check_realization(scene, realization)
     longest = check_step(step)
@@ -148,7 +146,7 @@ def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
 
 
 def write_subcircuit(
-    scene: Scene,
+    setup: Prepared,
     output: str | Path,
     dialect: str = "ngspice",
     step: str | float = "default",
@@ -169,7 +167,7 @@ def write_subcircuit(
     """
     check_dialect(dialect, DIALECTS)
     folder = folder_of(output, "subckt")
-    block = block_of(scene, step, realization, displacement_unit, duration)
+    block = block_of(setup, step, realization, displacement_unit, duration)
     comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
         # These simulators may read a file as one-byte characters.
@@ -186,7 +184,7 @@ def write_subcircuit(
 
 
 def write_verilog_a(
-    scene: Scene,
+    setup: Prepared,
     output: str | Path,
     step: str | float = "default",
     realization: int = 0,
@@ -197,11 +195,11 @@ def write_verilog_a(
 
     Parameters
     ----------
-    scene, output, step, realization, displacement_unit, duration
+    setup, output, step, realization, displacement_unit, duration
         See `write_subcircuit`.
     """
     folder = folder_of(output, "verilog-a")
-    block = block_of(scene, step, realization, displacement_unit, duration)
+    block = block_of(setup, step, realization, displacement_unit, duration)
     name = block.name
     files = {f"{name}.va": module(name, block.parameters), f"{name}_test.sim": _vacask_deck(block)}
     files |= _vibration_file(block, "ngspice")

@@ -113,12 +113,12 @@ class Coupled:
         from harvester.scene.prepared import prepared
 
         check_realization(scene, realization)
-        token, files = unit_files(scene, 2)
+        setup = prepared(scene)
+        token, files = unit_files(setup, 2)
         self._library, self._folder = _library(tuple(files.items()))
-        listed = variables(scene)
+        listed = variables(setup)
         self._places = {variable.name: index for index, variable in enumerate(listed)}
         self._terminal = listed[TERMINAL].name
-        setup = prepared(scene)
         self._name, self._range = scene.name, setup.system.spring.range
         self._length = setup.setting.length
         self._path, self._unit = noise_path(setup, realization), -setup.excitation_unit

@@ -12,7 +12,7 @@ from harvester.base.plain_text import nearest
 from harvester.base.writing import check_writable, in_folder, is_stream, write_text
 from harvester.engines.simulate import check_step
 from harvester.scene.paths import noise_path, start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -21,7 +21,7 @@ DIALECTS = ("ngspice", "ltspice")
 
 
 def write_deck(
-    scene: Scene,
+    setup: Prepared,
     output: str | Path,
     dialect: str = "ngspice",
     step: str | float = "default",
@@ -45,7 +45,7 @@ def write_deck(
     HarvesterError
     """
     check_dialect(dialect, DIALECTS)
-    target = output
+    scene, target = setup.scene, output
     if is_stream(target) and dialect != "ngspice":
         raise HarvesterError(
             "--dialect ltspice writes a second file, the noise: name a file by --output FILE.cir"
@@ -54,7 +54,6 @@ def write_deck(
         target = in_folder(target, f"{scene.name}.cir")
     check_writable(target)
     check_realization(scene, realization)
-    setup = prepared(scene)
     call = (setup, noise_path(setup, realization))
     start, longest = start_state(setup, realization), check_step(step)
     if dialect == "ngspice":

@@ -21,7 +21,6 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import PiezoTable
 from harvester.interop.block import folder_of, write_files
 from harvester.scene.paths import start_state
-from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -39,7 +38,7 @@ def source(name: str) -> str:
     return HEAD + text
 
 
-def write_c(scene: Scene, output: str | Path) -> list[Path]:
+def write_c(setup: Prepared, output: str | Path) -> list[Path]:
     """Write the device as C: stepper and equations.
 
     Parameters
@@ -52,23 +51,24 @@ def write_c(scene: Scene, output: str | Path) -> list[Path]:
     ExportError
         The device has no SI form, or parts without C.
     """
-    return write_files(folder_of(output, "c"), device_files(scene))
+    return write_files(folder_of(output, "c"), device_files(setup))
 
 
-def device_files(scene: Scene) -> dict[str, str]:
+def device_files(setup: Prepared) -> dict[str, str]:
     """Texts of the stepper's and the equations' files by their names."""
     files = {name: source(name) for name in STEPPER}
-    files["equations.h"] = equations(scene)
+    files["equations.h"] = equations(setup)
     return files
 
 
-def equations(scene: Scene) -> str:
+def equations(setup: Prepared) -> str:
     """The text of `equations.h`: one device's numbers and forces.
 
     Raises
     ------
     ExportError
     """
+    scene = setup.scene
     if scene.units != "SI":
         raise ExportError(
             f'{scene.name}: units = "{scene.units}": a block for other tools is in SI; give mass, '
@@ -79,7 +79,6 @@ def equations(scene: Scene) -> str:
             f"{scene.name}: excitation.kind = {scene.excitation.kind!r}: the displacement is given "
             "and no mass moves; use a kind that accelerates the base"
         )
-    setup = prepared(scene)
     constants: dict[str, str] = {}
 
     def named(key: str, value: float, *meaning: str) -> str:

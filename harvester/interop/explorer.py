@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.averaging.fokker_planck import outline
 from harvester.averaging.of_scene import averaged_device
+from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
 from harvester.base.plain_text import one_line, shown
@@ -30,7 +31,7 @@ from harvester.results.result import Result
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.estimate import Density
 
@@ -139,17 +140,18 @@ class Explorer:
             A value that the scene cannot have, or a run that failed.
         """
         clock = time.perf_counter()
-        scene = cut_short(self._origin.replace(dict(values)))
-        solving = self._pool.submit(outlined, {"scene": scene}, TIME_LIMIT)
-        result = self._simulated(scene)
+        shown = cut_short(prepared(self._origin.replace(dict(values))))
+        solving = self._pool.submit(outlined, {"prepared_scene": shown}, TIME_LIMIT)
+        result = self._simulated(shown)
         densities, refusal = _answer(solving)
-        view = SliderSetting(scene, result, densities, refusal, math.nan)
-        self.picture = figures.picture(_draw, view, "png")
+        view = SliderSetting(shown.scene, result, densities, refusal, math.nan)
+        self.picture = figures.image(view.figure(), "png")
         self.view = replace(view, seconds=time.perf_counter() - clock)
         return self.view
 
-    def _simulated(self, scene):
-        period = 2.0 * math.pi / (timescales.angular_frequency(prepared(scene).system) or math.inf)
+    def _simulated(self, shown):
+        scene = shown.scene
+        period = 2.0 * math.pi / (timescales.angular_frequency(shown.system) or math.inf)
         start = scene.run.settle
         window = start, start + min(WAVEFORM_PERIODS * period or math.inf, scene.run.duration)
         return simulate(
@@ -198,12 +200,13 @@ def explore(
     usual = [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
     keys = usual if over is None else [over] if isinstance(over, str) else over
     ranges = dict(keys) if isinstance(keys, Mapping) else {}
+    keys = ranges or listed(keys, "over", '["load.resistance"]', str)
     return Explorer(scene, {key: _range(scene, key, ranges.get(key)) for key in keys})
 
 
-def cut_short(scene: Scene) -> Scene:
-    """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
-    setup = prepared(scene)
+def cut_short(setup: Prepared) -> Prepared:
+    """The prepared scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
+    scene = setup.scene
     per_second = steps_per_sample(setup, engine="monte-carlo") / knot_spacing(setup)
     load = scene.load.circuit
     if load and load.resistance is None:
@@ -212,10 +215,10 @@ def cut_short(scene: Scene) -> Scene:
     duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(setup)))
     count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
     realizations = min(scene.run.realizations, max(count, FEWEST_REALIZATIONS))
-    return scene.replace({"run.duration": duration, "run.realizations": realizations})
+    return setup.with_run(duration=duration, realizations=realizations)
 
 
-def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
+def outlined(prepared_scene: Prepared, report: Callable) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage by the stationary solver, in a worker.
 
     Raises
@@ -223,7 +226,7 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
     HarvesterError
         It does not hold for this scene.
     """
-    density = outline(averaged_device(scene))
+    density = outline(averaged_device(prepared_scene))
     # On a coarse grid densities alternate from node to node; the joint density is smoothed.
     x, v, joint = density.tabulated_joint()
     marginals = {

@@ -20,7 +20,7 @@ from harvester.interop.block import folder_of
 from harvester.interop.compiling import LIBRARY, NO_COMPILER, compile_library, compiler
 from harvester.interop.device_code import device_files, source
 from harvester.scene.paths import start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.version import __version__
 
 if TYPE_CHECKING:
@@ -52,9 +52,9 @@ class Variable(NamedTuple):
     start: float | None = None
 
 
-def variables(scene: Scene) -> list[Variable]:
+def variables(setup: Prepared) -> list[Variable]:
     """All variables, in the order that `sources/fmi.h` numbers them."""
-    setup = prepared(scene)
+    scene = setup.scene
     x, v, state = start_state(setup, 0)
     length = setup.setting.length
     state *= scene.transducer.state_unit(setup.setting)
@@ -87,9 +87,9 @@ def variables(scene: Scene) -> list[Variable]:
     ]
 
 
-def unit_files(scene: Scene, version: int) -> tuple[str, dict[str, str]]:
+def unit_files(setup: Prepared, version: int) -> tuple[str, dict[str, str]]:
     """The instantiation token and the texts of an FMU's sources by file names."""
-    files = device_files(scene)
+    files = device_files(setup)
     files |= {name: source(name) for name in ("fmi.h", f"fmi{version}.c")}
     digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
     token = "{" + re.sub(r"^(.{8})(.{4})(.{4})(.{4})(.{12}).*", r"\1-\2-\3-\4-\5", digest) + "}"
@@ -97,7 +97,7 @@ def unit_files(scene: Scene, version: int) -> tuple[str, dict[str, str]]:
     return token, files
 
 
-def write_fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
+def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
     Compiled for this machine where a C compiler is there; the sources are in them.
@@ -114,9 +114,9 @@ def write_fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]
     ExportError
         See `harvester.interop.device_code.equations`.
     """
-    contents = [_fmu(scene, version) for version in VERSIONS]
+    contents = [_fmu(setup, version) for version in VERSIONS]
     folder = folder_of(output, "fmu")
-    paths = [in_folder(folder, f"{scene.name}.fmi{version}.fmu") for version in VERSIONS]
+    paths = [in_folder(folder, f"{setup.scene.name}.fmi{version}.fmu") for version in VERSIONS]
     for path, content in zip(paths, contents, strict=True):
         with whole_file(path) as file:
             file.write(content)
@@ -125,15 +125,15 @@ def write_fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]
     return paths
 
 
-def _fmu(scene: Scene, version: int) -> bytes:
+def _fmu(setup: Prepared, version: int) -> bytes:
     """The zipped content of one FMU."""
     # The scene's name as a C identifier.
-    name = re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", scene.name))
-    token, files = unit_files(scene, version)
+    name = re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", setup.scene.name))
+    token, files = unit_files(setup, version)
     content = {f"sources/{file}": text.encode() for file, text in files.items()}
     describe = _description2 if version == 2 else _description3
     compiled = sorted(file for file in files if file.endswith(".c"))
-    content["modelDescription.xml"] = describe(scene, name, token, compiled).encode()
+    content["modelDescription.xml"] = describe(setup, name, token, compiled).encode()
     if version == 3:
         content["sources/buildDescription.xml"] = _build_description(name, compiled).encode()
     if compiler() is not None:
@@ -199,9 +199,10 @@ def _kinds(each: Variable) -> dict[str, str | None]:
     return {"variability": variability, "initial": initial}
 
 
-def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> str:
+def _description2(setup: Prepared, name: str, token: str, compiled: list[str]) -> str:
     """modelDescription.xml of FMI 2.0."""
-    listed = variables(scene)
+    scene = setup.scene
+    listed = variables(setup)
     # In FMI 2.0 time is implicit; variables are numbered from one.
     text = _head(scene, "2.0", token) + ">\n"
     ability = _attributes(
@@ -227,9 +228,10 @@ def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> s
     )
 
 
-def _description3(scene: Scene, name: str, token: str, compiled: list[str]) -> str:
+def _description3(setup: Prepared, name: str, token: str, compiled: list[str]) -> str:
     """modelDescription.xml of FMI 3.0."""
-    listed = variables(scene)
+    scene = setup.scene
+    listed = variables(setup)
     ability = _attributes(modelIdentifier=name, canHandleVariableCommunicationStepSize="true")
     text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n{_definitions(scene)}"
     for reference, variable in enumerate(listed):

@@ -1,7 +1,7 @@
 """Formats of `harvester export` by name: each has a function that writes files and returns paths.
 
-A further format is such a function and its entry in `FORMATS`. The function's optional arguments
-are those options of `harvester export` that the format has.
+A further format is such a function, given a prepared scene, and its entry in `FORMATS`. The
+function's optional arguments are those options of `harvester export` that the format has.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import nearest
+from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -46,7 +47,7 @@ def write(
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Called with notes on the files, each of one line.
+        Called with notes on what is written and with the names of the files, in a line each.
     **options
         Options of the format; None means the format's default.
 
@@ -75,4 +76,7 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
-    return writer(scene, output, **arguments)
+    paths = writer(prepared(scene), output, **arguments)
+    for path in paths:
+        report(f"written: {path}")
+    return paths

@@ -24,7 +24,7 @@ from harvester.interop.block import folder_of
 from harvester.interop.deck import check_realization
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.statistics.range_watch import with_range_watch
 
 # Sampling rates (Hz): Shepherd's own, and for CSV 200 samples of a period of 50 Hz.
@@ -179,7 +179,7 @@ def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
 
 
 def write_csv(
-    scene: Scene,
+    setup: Prepared,
     output: str | Path,
     rate: float | None = None,
     duration: float | None = None,
@@ -191,8 +191,8 @@ def write_csv(
 
     Parameters
     ----------
-    scene : Scene
-        In SI.
+    setup : Prepared
+        A scene in SI.
     output : str or Path
         Folder.
     rate : float or None
@@ -208,7 +208,7 @@ def write_csv(
     ------
     ExportError
     """
-    rate = rate or CSV_RATE
+    scene, rate = setup.scene, rate or CSV_RATE
     duration = _check(scene, "csv", rate, duration, realization, report)
     path = in_folder(folder_of(output, "csv"), f"{scene.name}-trace.csv")
     trace = record_trace(scene, rate, duration, realization)
@@ -222,7 +222,7 @@ def write_csv(
 
 
 def write_shepherd(
-    scene: Scene,
+    setup: Prepared,
     output: str | Path,
     data: str = "ivsample",
     duration: float | None = None,
@@ -237,12 +237,13 @@ def write_shepherd(
     data : str
         "ivsample": voltage and current of the scene's load. "isc_voc": the voltage of the open and
         the current of the shorted terminals, from a run each.
-    scene, output, duration, realization, report
+    setup, output, duration, realization, report
         See `write_csv`; raises MissingLibrary too.
     """
     if data not in DATA_TYPES:
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")
     optional_library("shepherd_core", "a Shepherd file", "shepherd")
+    scene = setup.scene
     duration = _check(scene, "shepherd", SHEPHERD_RATE, duration, realization, report)
     path = in_folder(folder_of(output, "shepherd"), f"{scene.name}-{data}.h5")
     if data == "ivsample":
@@ -250,16 +251,16 @@ def write_shepherd(
         voltage, current = trace.voltage, trace.current
         _tell(scene, trace, realization, report)
     else:
-        voltage, current = _extremes(scene, duration, realization, report)
+        voltage, current = _extremes(setup, duration, realization, report)
     with whole_file(path) as file:
         file.write(_shepherd_content(scene, data, voltage, current))
     return [path]
 
 
-def _extremes(scene, duration, realization, report):
+def _extremes(setup, duration, realization, report):
     """Open-circuit voltage and short-circuit current; reports the power of a straight line
     between."""
-    setup = prepared(scene)
+    scene = setup.scene
     rate = timescales.angular_frequency(setup.system)
     matched = scene.transducer.matched_resistance(rate)
     opened, shorted, live = (

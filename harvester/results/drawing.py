@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.arguments import check_known
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import Panel, Series, draw_panels, draw_series
 from harvester.statistics.estimate import Density
@@ -97,6 +98,7 @@ def density_series(result: Any, name: str, **style: Any) -> Series:
 
 def draw_density(axes: Axes, result: Any, name: str, label: str | None, **style: Any) -> None:
     """Draw one density into axes; see `density_series`."""
+    check_known("draw_density", style, ("colour", "line", "width", "marker", "size"))
     draw_series(axes, density_series(result, name, label=label, **style))
 
 

@@ -18,11 +18,6 @@ if TYPE_CHECKING:
 STYLE = Path(__file__).parent / "house.mplstyle"
 
 
-def picture(draw: Callable, result: Any, format: str = "svg") -> bytes:
-    """Draw a result into bytes; the format is a suffix such as "png"."""
-    return image(drawn(draw, result), format)
-
-
 def drawn(draw: Callable, result: Any) -> Any:
     """Call `draw` on a result with the project's style, independent of matplotlib's settings.
 

@@ -27,7 +27,7 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     ----------
     result : ResultBase
     target : str or Path
-        A file that ends in .csv, .nc, .png, .svg or .pdf; else a folder.
+        A file that ends in .json, .csv, .nc, .png, .svg or .pdf; without an ending a folder.
     name : str
         Beginning of the names of the folder's files (default: the scene's name and the kind of
         result).
@@ -46,10 +46,15 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
         raise HarvesterError(
             f"save: {shown(result)}: is no result: pass the return value of simulate or of a study"
         )
-    if Path(target).suffix in ENDINGS:
-        _write_one(result, Path(target))
-        return [Path(target).name]
-    view, names, directory = result.view(), [], Path(target)
+    if not isinstance(target, (str, os.PathLike)):
+        raise HarvesterError(f"save: {shown(target)}: is no path of a file or a folder")
+    directory = Path(target)
+    if directory.suffix in ENDINGS or (
+        not name and directory.suffix[1:].isalpha() and not directory.is_dir()
+    ):
+        _write_one(result, directory)
+        return [directory.name]
+    view, names = result.view(), []
     kind = re.sub("(?<=[a-z])(?=[A-Z])", "-", type(result).__name__).lower()
     name = name or "-".join([*([result.scene.name] if result.scene else []), kind])
 
@@ -71,10 +76,16 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
 
 
 def _write_one(result, path):
-    if path.suffix == ".csv":
+    if path.suffix == ".json":
+        write_json(path, result.to_dict())
+    elif path.suffix == ".csv":
         result.to_csv(path)
     elif path.suffix == ".nc":
         write_netcdf(path, result.to_xarray())
+    elif path.suffix not in ENDINGS:
+        raise HarvesterError(
+            f"save: {path}: its ending says the kind: .json, {', '.join(ENDINGS)}, or none"
+        )
     else:
         figure = result.figure()
         if figure is None:

@@ -22,6 +22,7 @@ def headline(result: Any) -> str:
         return f"No power of {scene.name}: {conditions(scene)}, by {result.engine}."
     estimate = result.quantity(name)
     power = with_error(estimate, result.unit(estimate.dimension))
+    power += " (± numerical error alone)" * (result.error_kind == "numerical")
     where = "harvested at the output of" if name == "mean_output_power" else "into"
     return f"{power} {where} {load(scene)}; {conditions(scene)}; by {result.engine}."
 

@@ -10,7 +10,6 @@ import numpy as np
 from harvester.device import timescales
 from harvester.results.drawing import axis_label
 from harvester.results.panels import set_title
-from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,8 +59,7 @@ def _draw_panel(axes, result, places, values, highest):
     visible = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, visible.T, norm=norm, cmap=COLOURS, rasterized=True)
-    prepared_scene = prepared(result.scene)
-    system, scales = prepared_scene.system, prepared_scene.scales
+    system, scales = result.prepared_scene.system, result.scales
     for displacements, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
         where = np.array(displacements) * scales.displacement
         axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)

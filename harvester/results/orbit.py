@@ -22,12 +22,12 @@ CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
     NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
-    "longer (--periods, or run.settle)",
+    "longer (more periods, or run.settle)",
     CHARGING: "a store of the load is slower than a start is followed; give it a smaller "
     "capacitance, which changes little but its ripple, or begin within 0.1 % of its steady voltage "
     "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
-    DIVERGES: "the values overflow: begin closer to the rest position, or choose a shorter --step",
+    DIVERGES: "the values overflow: begin closer to the rest position, or choose a shorter step",
 }
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError, UnknownQuantity
 from harvester.base.formatting import (
     Printed,
@@ -20,21 +21,23 @@ from harvester.base.formatting import (
     with_error,
 )
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import shown
 from harvester.base.serialising import LEFT_OUT, NotAValue, fields_of, values_of
 from harvester.base.symbols import definitions
+from harvester.base.tables import csv_text
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result
 from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
-from harvester.results.view import Picture, ResultBase, View
+from harvester.results.view import Picture, ResultBase, Table, View
 from harvester.results.waveform import Waveform
 from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.units import Scales, scale
-from harvester.statistics.estimate import Density, Estimate, root
+from harvester.statistics.estimate import Density, Estimate, with_roots
 from harvester.statistics.joint_density import JointDensity
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import USED, step_sizes
@@ -138,15 +141,17 @@ class Result(ResultBase):
     stroboscope: np.ndarray | None = field(default=None, metadata=LEFT_OUT)
     attractors: tuple[Attractor, ...] = field(default=(), metadata=LEFT_OUT)
 
+    def __post_init__(self) -> None:
+        densities = Named(f"{self.scene.name}: no density of", self.densities)
+        object.__setattr__(self, "densities", densities)
+
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
-            raise UnknownQuantity(
-                without_line(self.scene, name)
-                or f"{self.scene.name}: no quantity {shown(name)}"
-                f"{nearest(name, self.scaled_quantities)}; there are "
-                f"{', '.join(self.scaled_quantities)}"
-            )
+            missing = without_line(self.scene, name)
+            if missing:
+                raise UnknownQuantity(missing)
+            return super().__getitem__(name)
         estimate = self.scaled_quantities[name]
         return estimate.times(self.scales.of(estimate.dimension), self.unit(estimate.dimension))
 
@@ -158,11 +163,14 @@ class Result(ResultBase):
             hint = f': result["{name}"]' if name in vars(self).get("scaled_quantities", ()) else ""
             raise AttributeError(f"a Result has no attribute {name}{hint}")
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.scaled_quantities)
+    def _numbers(self) -> Named:
+        """All estimates that the table shows: each mean square is followed by its root."""
+        return Named(f"{self.scene.name}: no quantity", with_roots(self.quantities))
 
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self.scaled_quantities)
+    @cached_property
+    def prepared_scene(self) -> Prepared:
+        """The prepared scene of the run."""
+        return prepared(self.scene)
 
     @property
     def seed(self) -> int:
@@ -270,17 +278,17 @@ class Result(ResultBase):
         }
         return xarray.Dataset(variables, coordinates, attributes)
 
-    def density_table(self) -> str:
-        """CSV of the densities in the scene's units: quantity, centre, density, error."""
-        lines = ["quantity,centre,density,standard_error,unit_of_centre"]
+    def density_table(self) -> Table:
+        """The densities in the scene's units, a row for each bin."""
+        header = ["quantity", "centre", "density", "standard_error", "unit_of_centre"]
+        rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            errors = density.standard_error
-            for k, centre in enumerate(density.centre):
-                error = "" if errors is None else f"{errors[k] / scale:.6g}"
-                value = density.density[k] / scale
-                lines.append(f"{name},{centre * scale:.9g},{value:.9g},{error},{unit}")
-        return "\n".join(lines) + "\n"
+            errors: Any = density.standard_error
+            errors = [None] * density.centre.size if errors is None else errors / scale
+            columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
+            rows += [[name, *numbers, unit] for numbers in columns]
+        return Table(header, rows)
 
     def view(self) -> View:
         """Quantities with their error bars, the evidence, densities."""
@@ -295,7 +303,7 @@ class Result(ResultBase):
             ],
             records=self._records,
             dataset=self._dataset,
-            texts=lambda: {"-densities.csv": self.density_table()},
+            texts=lambda: {"-densities.csv": csv_text(*self.density_table())},
             methods={self.engine: self},
         )
 
@@ -308,8 +316,12 @@ class Result(ResultBase):
         header = ["quantity", "unit"]
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
-        printed = with_roots(self.quantities)
-        reasons = {name: _why_bare(estimate) for name, estimate in printed.items()}
+        printed = self._numbers()
+        # A value without an error bar has a note that says why.
+        reasons = {
+            name: CONSTANT if mean.standard_error == 0.0 and not mean.note else mean.note
+            for name, mean in printed.items()
+        }
         bare = any(reasons.values())
         header += ["no error bar because"] * bare
         rows = []
@@ -322,23 +334,16 @@ class Result(ResultBase):
                     unit,
                     self.printed(estimate, factor),
                     *([] if numerical else [count(estimate.effective_sample_size)]),
-                    *[reasons[name]] * bare,
+                    *[reasons[name].removeprefix("no error bar: ")] * bare,
                 ]
             )
         return header, rows
 
     def _records(self):
         """Header and a row for each quantity, in the scene's units."""
-        header = ["quantity", "estimate", "standard_error", "effective_sample_size", "unit", "note"]
-        return header, [
-            [
-                name,
-                estimate.estimate,
-                estimate.standard_error,
-                estimate.effective_sample_size,
-                self.unit(estimate.dimension),
-                estimate.note,
-            ]
+        keys = ["estimate", "standard_error", "effective_sample_size", "unit", "note"]
+        return ["quantity", *keys], [
+            [name, *(getattr(estimate, key) for key in keys)]
             for name, estimate in self.quantities.items()
         ]
 
@@ -351,7 +356,8 @@ class Result(ResultBase):
     def printed(self, estimate: Estimate, factor: float) -> Printed:
         """One of `quantities` as printed with the factor of `in_print`."""
         text, unit = with_error(estimate.times(factor)), self.unit(estimate.dimension)
-        return Printed(text, estimate.estimate, estimate.standard_error, unit)
+        value, error = estimate.estimate, estimate.standard_error
+        return Printed(text, value, error, unit, estimate=estimate)
 
     def _findings(self) -> list[str]:
         """How the numbers were obtained, and caveats for citing them."""
@@ -375,11 +381,6 @@ class Result(ResultBase):
         **style
             `colour`, `line`, `width`, as matplotlib has them.
         """
-        if name not in self.densities:
-            raise UnknownQuantity(
-                f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
-                f"there are {', '.join(self.densities) or 'none'}"
-            )
         draw_density(axes, self, name, label or self.engine, **style)
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
@@ -418,13 +419,6 @@ class Result(ResultBase):
         return sentences
 
 
-def _why_bare(estimate):
-    """Why a row of the table has no error bar; empty where it has one."""
-    if estimate.standard_error == 0.0 and not estimate.note:
-        return CONSTANT
-    return estimate.note.removeprefix("no error bar: ")
-
-
 def _add_density(variables, name, axes, density, scale, unit):
     """Add a density along its axes, and its error; `scale` and `unit` refer to its area."""
     inverse = {"unit": f"1/({unit})"}
@@ -432,18 +426,6 @@ def _add_density(variables, name, axes, density, scale, unit):
     if density.standard_error is not None:
         errors = density.standard_error / scale
         variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
-
-
-def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
-    """The quantities, each mean square followed by its root (rms)."""
-    extended: dict[str, Estimate] = {}
-    for name, estimate in quantities.items():
-        extended[name] = estimate
-        has_root = name.startswith("mean_square") and estimate.estimate >= 0.0
-        of_root = name.replace("mean_square", "rms")
-        if has_root and of_root not in quantities:
-            extended[of_root] = root(estimate)
-    return extended
 
 
 def _result_of(kind, content, folder):

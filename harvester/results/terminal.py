@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from rich import box
@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 
 from harvester.base.formatting import Printed
 from harvester.base.plain_text import one_line
-from harvester.results.view import Table
+from harvester.results.view import Table, key_columns
 
 if TYPE_CHECKING:
     from harvester.results.result import Result
@@ -35,7 +35,7 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     apart. A long text becomes a number in brackets; equal texts have the same number.
     """
     header = [one_line(name) for name in table.header]
-    keys = _key_columns(table.rows, len(header))
+    keys = key_columns(table.rows, len(header))
     rows, footnotes = _with_footnotes(table.rows, keys)
     widths = _widths(header, rows, keys, width)
     blocks = []
@@ -48,8 +48,10 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
             justify: Literal["left", "right"] = "left" if words else "right"
-            heading = _folded(header[k], widths[k] + wider)
-            block.add_column(heading, justify=justify, width=widths[k] + wider, overflow="fold")
+            heading, space = header[k], widths[k] + wider
+            if _longest_word(heading) > space:
+                heading = heading.replace(".", ".\n")
+            block.add_column(heading, justify=justify, width=space, overflow="fold")
         for row in rows:
             block.add_row(*(row[k] for k in columns))
         blocks.append(block)
@@ -80,19 +82,6 @@ def _widths(header, rows, keys, width):
         words = max((_longest_word(row[k]) for row in rows), default=1)
         widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
     return widths
-
-
-def _folded(name, width):
-    """A heading, broken after its dots if one of its words is wider than the column."""
-    return name.replace(".", ".\n") if _longest_word(name) > width else name
-
-
-def _key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
-    """Number of columns at the left that identify the rows; 1 if none do."""
-    for count in range(1, columns):
-        if len({tuple(row[:count]) for row in rows}) == len(rows):
-            return count
-    return 1
 
 
 def _with_footnotes(rows, keys):

@@ -9,18 +9,20 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from harvester.base.errors import HarvesterError
+from harvester.base.arguments import Named
 from harvester.base.formatting import NOT_KNOWN, Printed
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import json_text, named, nearest, one_line
+from harvester.base.plain_text import json_text, one_line
 from harvester.base.serialising import fields_of
 from harvester.base.tables import require_xarray, write_csv
 from harvester.results import figures
+from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,6 +93,8 @@ class View:
         The main figure first.
     records : callable or None
         Returns the Table of all numbers, one record a row, where `table` shows a selection.
+    keys : int
+        Number of the table's first columns that tell its rows apart; 0: as few as do so.
     is_series : bool
         Whether a data frame has the records, because they are a curve that the table summarizes.
     dataset : callable or None
@@ -109,6 +113,7 @@ class View:
     alarms: Sequence[str] = ()
     pictures: Sequence[Picture] = ()
     records: Callable[[], Table | tuple] | None = None
+    keys: int = 0
     is_series: bool = False
     dataset: Callable[[], Dataset] | None = None
     texts: Callable[[], Mapping[str, str]] | None = None
@@ -146,6 +151,36 @@ class ResultBase(ABC):
         """Plain values for JSON; NaN and missing errors become null."""
         return fields_of(self)
 
+    def __getitem__(self, name: str) -> Any:
+        """What the table shows by this name: the numbers of a column, or a quantity's, by row.
+
+        A number with an error bar is an Estimate. The key of a row is what tells it apart, such as
+        `swept["mean_power"]["monte-carlo", 0.05]`. Raises UnknownQuantity.
+        """
+        return self._numbers()[name.replace(" ", "_") if isinstance(name, str) else name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers())
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
+    def _numbers(self) -> Named:
+        """The table's numbers by name and row, of a curve those of all its points."""
+        view = self.view()
+        header, rows = view.data() if view.is_series else view.table
+        names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]
+        numbers = Named(f"{type(self).__name__}: no", {})
+        keys = view.keys or key_columns(rows, len(names))
+        for row in rows:
+            place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
+            for words, cell in zip(names[keys:], row[keys:], strict=True):
+                outer, inner = (row[0], words) if names[0] == "quantity" else (words, place)
+                of_name = numbers.setdefault(outer.replace(" ", "_"), Named(f"{outer}: no", {}))
+                if outer == words or isinstance(cell, Printed):
+                    of_name[inner] = _number(cell)
+        return numbers
+
     def table(self) -> Table:
         """Header and rows as text; the text of a number has `value`, `error` and `unit`."""
         return Table(*self.view().table)
@@ -163,18 +198,14 @@ class ResultBase(ABC):
 
         Raises
         ------
-        HarvesterError
+        UnknownQuantity
             The result has no figure of this name.
         """
         pictures = self.view().pictures
-        chosen = [picture for picture in pictures if name in ("", picture.name)]
-        if name and not chosen:
-            names = [picture.name for picture in pictures if picture.name]
-            raise HarvesterError(
-                f"figure {named(name)}: no such figure{nearest(name, names)}; there are "
-                f"{', '.join(names) or 'none with a name'}"
-            )
-        return chosen[0].figure() if chosen else None
+        if not name:
+            return pictures[0].figure() if pictures else None
+        by_name = {picture.name: picture for picture in pictures if picture.name}
+        return Named(f"{type(self).__name__}: no figure", by_name)[name].figure()
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""
@@ -189,19 +220,29 @@ class ResultBase(ABC):
         """
         write_csv(path, *self.data())
 
-    def to_dataframe(self) -> DataFrame:
-        """The rows of `table` as a pandas DataFrame, or the points of a curve that it sums up.
+    def to_dataframe(self, table: str = "shown") -> DataFrame:
+        """Numbers as a pandas DataFrame, in which an error has a column of its own.
 
-        A number's error has a separate column.
+        Parameters
+        ----------
+        table : str
+            `shown`: the rows of `table()`, or the points of a curve that it sums up. `data`: those
+            of `data()`, the CSV file. `densities`: those of all methods, a row for each bin.
 
         Raises
         ------
+        UnknownQuantity
+            The result has no such table.
         MissingLibrary
             pandas, of the extra `study`.
         """
-        header, rows = self.view().values()
-        name = f"{type(self).__name__}.to_dataframe"
-        return optional_library("pandas", name, "study").DataFrame(rows, columns=list(header))
+        view, kind = self.view(), type(self).__name__
+        tables = Named(f"{kind}: no table", {"shown": view.values, "data": view.data})
+        if view.methods:
+            tables["densities"] = partial(_densities, view.methods)
+        header, rows = tables[table]()
+        library = optional_library("pandas", f"{kind}.to_dataframe", "study")
+        return library.DataFrame(rows, columns=list(header))
 
     def to_xarray(self) -> Dataset:
         """The numbers as an xarray Dataset; the attribute `unit` of a variable is its unit.
@@ -247,6 +288,31 @@ class ResultBase(ABC):
         return "\n".join(parts)
 
 
+def key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
+    """Number of columns at the left that identify the rows; 1 if none do."""
+    for count in range(1, columns):
+        if len({tuple(row[:count]) for row in rows}) == len(rows):
+            return count
+    return 1
+
+
+def _densities(methods):
+    """The densities of several results, below one another."""
+    tables = {method: result.density_table() for method, result in methods.items()}
+    header = ["method", *next(iter(tables.values())).header]
+    return header, [[method, *row] for method, table in tables.items() for row in table.rows]
+
+
+def _number(cell):
+    """The Estimate, the ends or the value that a cell shows; a text as it is."""
+    if not isinstance(cell, Printed):
+        return cell
+    if cell.estimate or cell.error is not None:
+        estimate: Any = cell.estimate or Estimate(cell.value, cell.error, None, cell.unit)
+        return replace(estimate, unit=cell.unit)
+    return cell.ends or cell.value
+
+
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     """Convert a table for people to values: a number's error gets a separate column."""
     columns: dict[str, list[Any]] = {}
@@ -261,7 +327,9 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
         has_ends = any(cell.ends for cell in printed)
         if not has_ends or any(math.isfinite(cell.value) for cell in printed):
             columns[f"{words}{suffix}"] = (
-                [_unit_of(row) for row in rows] if name == "unit" else _values(cells)
+                [next((cell.unit for cell in row if getattr(cell, "unit", "")), "") for row in rows]
+                if name == "unit"
+                else _values(cells)
             )
         for k, end in enumerate(("low", "high") if has_ends else ()):
             pairs = [getattr(cell, "ends", None) for cell in cells]
@@ -280,11 +348,6 @@ def _values(cells):
     numeric = any(isinstance(cell, Printed) for cell in cells)
     values = [cell.value if isinstance(cell, Printed) else cell for cell in cells]
     return [None if numeric and value == "" else value for value in values]
-
-
-def _unit_of(row):
-    """Unit of a row's values, which are printed with a prefix."""
-    return next((cell.unit for cell in row if isinstance(cell, Printed) and cell.unit), "")
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:

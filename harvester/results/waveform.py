@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.errors import UnknownQuantity
+from harvester.base.arguments import Named
 from harvester.base.formatting import prefixed, quantity
-from harvester.base.plain_text import named, nearest
 from harvester.base.tables import require_xarray
 from harvester.device.record import Record
 from harvester.results.palette import CIRCUIT
@@ -40,7 +39,7 @@ SMALL_VOLTAGE = 1e-9
 class Waveform(ResultBase):
     """Time series of a realization between two times, in the scene's units.
 
-    `waveform["voltage"]` is one of `columns`; the most usual ones are attributes too.
+    `waveform["voltage"]` is one of `columns`, and so is `waveform.voltage`.
 
     Attributes
     ----------
@@ -64,33 +63,13 @@ class Waveform(ResultBase):
     units: dict[str, str]
     record: Record = field(compare=False)
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.columns:
-            raise UnknownQuantity(
-                f"{self.scene.name}: the waveform has no column {named(name)}"
-                f"{nearest(name, self.columns)}; there are {', '.join(self.columns)}"
-            )
+    def _numbers(self) -> Named:
+        return Named(f"{self.scene.name}: the waveform has no column", self.columns)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name not in vars(self).get("columns", ()):
+            raise AttributeError(f"a Waveform has no attribute {name}")
         return self.columns[name]
-
-    @property
-    def displacement(self) -> np.ndarray:
-        """Displacement of the mass relative to the base."""
-        return self.columns["displacement"]
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocity of the mass relative to the base."""
-        return self.columns["velocity"]
-
-    @property
-    def voltage(self) -> np.ndarray:
-        """Voltage at the transducer's terminals."""
-        return self.columns["voltage"]
-
-    @property
-    def current(self) -> np.ndarray:
-        """Current from the terminals into the load."""
-        return self.columns["current"]
 
     def view(self) -> View:
         """Extremes and rms of each column; a panel for each over time."""

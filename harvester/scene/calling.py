@@ -8,10 +8,15 @@ from collections.abc import Callable, Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
-from harvester.base.arguments import check_processes, checked_progress, usual_arithmetic
+from harvester.base.arguments import (
+    check_known,
+    check_processes,
+    checked_progress,
+    usual_arithmetic,
+)
 from harvester.base.errors import UnknownOption
 from harvester.base.notebook import progress_bar
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import shown
 from harvester.base.signatures import KEYWORD, check_options, named_as_called, options_of
 
 if TYPE_CHECKING:
@@ -53,14 +58,17 @@ def _with_progress(
             yield {**options, "progress": bar}
 
 
-def _instead(option, names):
-    """The scene's key of that name, or the nearest option, else all options."""
+def _refuse_meant(function, option, accepted):
+    """Refuse a key of the scene, and an option by the spelling of its command."""
     from harvester.scene.tables import all_keys
 
-    for key in all_keys():
-        if key.partition(".")[2] == option:
-            return f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
-    return nearest(option, names) or f"; there are {', '.join(names)}"
+    hints = {
+        key.partition(".")[2]: f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
+        for key in reversed([*all_keys()])
+    }
+    hints |= {item.kind.option: f" (did you mean {name}?)" for name, item in accepted.items()}
+    if option in hints:
+        raise UnknownOption(f"{function}: no option {option}{hints[option]}")
 
 
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
@@ -81,12 +89,9 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
                 f"{name}: {shown(surplus[0])} is given without its name: options are given as "
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
-        for option in options:
-            if option not in accepted:
-                names = [item for item in accepted if item != "scene"]
-                same = [n for n in names if accepted[n].kind.option == option]
-                hint = f" (did you mean {same[0]}?)" if same else _instead(option, names)
-                raise UnknownOption(f"{name}: no option {option}{hint}")
+        for option in options.keys() - accepted.keys():
+            _refuse_meant(name, option, accepted)
+        check_known(name, options, [item for item in accepted if item != "scene"])
         with (
             usual_arithmetic(),
             named_as_called(function),

@@ -8,7 +8,6 @@ import hashlib
 import html
 import json
 import math
-from collections.abc import Iterable
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from harvester.base import plain_text
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, shown
+from harvester.base.signatures import Overrides, named_as_called
 from harvester.device import timescales
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
@@ -70,7 +70,7 @@ class Scene(Table):
         setattr(self, key, value)
 
     @classmethod
-    def read(cls, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
+    def read(cls, source: str | Path, overrides: Overrides = ()) -> Scene:
         """Read a scene from a TOML file or by the name of a built-in one.
 
         Parameters
@@ -87,7 +87,8 @@ class Scene(Table):
         NetlistError
             The load's netlist cannot be read.
         """
-        tables, path = tables_of(source, overrides)
+        with named_as_called(cls.read):
+            tables, path = tables_of(source, overrides)
         folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
         return cls.from_tables(tables, name=path.stem, origin=named(str(source)), folder=folder)
 

@@ -48,6 +48,14 @@ def distinct_realizations(ready: Prepared, wanted: int | None = None) -> int:
     return min(count, 1 if alike else len(timescales.wells(ready.system)))
 
 
+def several_starts(ready: Prepared) -> bool:
+    """Whether realizations differ by their starts alone."""
+    excitation = ready.scene.excitation
+    if excitation.random or excitation.prescribes_displacement:
+        return False
+    return distinct_realizations(ready) > 1
+
+
 def noise_path(ready: Prepared, index: int, factor: float = 1.0) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     seed = realization_seed(ready.scene.run.seed, index)

@@ -50,6 +50,11 @@ class Prepared:
         rate = timescales.angular_frequency(self.system)
         return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 
+    def replace(self, changes: dict[str, Any] | None = None, /, **parts: Any) -> Prepared:
+        """Return the prepared scene with other values of some keys, and with other tables."""
+        scene = self.scene.replace(changes) if changes else self.scene
+        return prepared(replace(scene, **parts))
+
     def with_run(self, **changes: Any) -> Prepared:
         """Return a copy with other values of [run]: only `scene` depends on them."""
         return replace(self, scene=replace(self.scene, run=replace(self.scene.run, **changes)))

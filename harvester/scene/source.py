@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,8 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
 def _find(source):
     """Path of a scene's file; a built-in one is not hidden by a file of that name."""
     if not isinstance(source, (str, Path)):
-        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
+        tables = ", or Scene.from_tables(…)" * isinstance(source, Mapping)
+        raise SceneError(f"{shown(source)}: no scene; give a name or a path{tables}: {_listed()}")
     if str(source) in built_in_names():
         return BUILT_IN / f"{source}.toml"
     path, where = Path(source), named(str(source))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -87,6 +87,13 @@ BASE_SHARE = 0.1
 STEPS_OF_SLAVED_VELOCITY = 4
 
 
+def has_own_knots(scene: Scene) -> bool:
+    """Whether the excitation itself fixes its knots, such as a record between smooth samples."""
+    excitation: Any = scene.excitation
+    smooth = getattr(excitation, "interpolation", "linear") == "smooth"
+    return smooth or not hasattr(excitation, "knot_spacing")
+
+
 def knot_spacing(ready: Prepared) -> float:
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
 
@@ -103,10 +110,15 @@ def knot_spacing(ready: Prepared) -> float:
     return spacing
 
 
+def spacing_of(scene: Scene) -> float:
+    """Spacing of the knots of a scene that is not prepared yet (s)."""
+    return knot_spacing(prepared(scene))
+
+
 def with_knots(scene: Scene) -> Scene:
     """The scene with its knot spacing made explicit, so that changed copies keep it and thus
     the same noise."""
-    return scene.replace({"excitation.knot_spacing": knot_spacing(prepared(scene))})
+    return scene.replace({"excitation.knot_spacing": spacing_of(scene)})
 
 
 def resolving(scene: Scene) -> Scene:
@@ -114,7 +126,7 @@ def resolving(scene: Scene) -> Scene:
 
     Without this, a sweep over τ1 would keep the scene's spacing where τ1 needs a shorter one.
     """
-    spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(prepared(scene))
+    spacing = getattr(scene.excitation, "knot_spacing", None) or spacing_of(scene)
     if isinstance(scene.excitation, OrnsteinUhlenbeck):
         spacing = min(spacing, scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME)
     return scene.replace({"excitation.knot_spacing": spacing})

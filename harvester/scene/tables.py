@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from typing import Any, ClassVar
 
+from harvester.base.formatting import quantity
 from harvester.base.registry import Registry
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
@@ -252,6 +253,13 @@ def key_words(dotted: str, units: str) -> tuple[str, str]:
         return key_words("load.resistance", units)
     words = spec.name or name.replace("_", " ")
     return words + (f" ({table_name})" if "[" in table_name else ""), spec.unit_in(units)
+
+
+def value_words(dotted: str, value: float | str, units: str) -> str:
+    """ "27.3 kΩ": a value of a key with its unit; a word as it is."""
+    if isinstance(value, str):
+        return value
+    return quantity(value, key_words(dotted, units)[1], 6)
 
 
 def key_label(dotted: str, units: str) -> str:

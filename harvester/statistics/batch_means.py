@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
 
 from harvester.statistics.estimate import Estimate, why_no_error
 
@@ -95,7 +94,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
         long_enough = memory <= 1.0 or series.shape[1] == 1
         if long_enough and neighbours <= _largest_correlation(expected, series.size):
             chance = 1.0 / math.sqrt(series.size)
-            share = min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)
+            share = _share_in_common(neighbours, chance, expected)
             factor = max(1.0 + share * (factor - 1.0), 1.0 + 2.0 * neighbours)
             if neighbours < -chance:  # of a correlation down to −1/2 what is beyond chance
                 factor = 1.0 + 2.0 * (max(neighbours, -0.5) + chance)
@@ -178,6 +177,8 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
+        from scipy.special import stdtrit
+
         # Student's quantile for 95 %: two or three batches rarely show how far they scatter.
         few = float(stdtrit(mean.size - 1, 0.975)) / 1.96
         scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)
@@ -214,11 +215,23 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
         neighbours = (1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)
         factor, expected = _implied(memory, series.shape[1])
         if memory <= 1.0 and neighbours <= _largest_correlation(expected, series.size):
-            neighbours = max(neighbours, expected, 0.0)
-            factor = max(factor, 1.0 + 2.0 * neighbours)
+            if series.size < FEWEST_EFFECTIVE * factor:
+                return None
+            # A correlation from differences scatters √2 times as far as one from deviations.
+            share = _share_in_common(neighbours, math.sqrt(2.0 / series.size), expected)
+            neighbours = max(neighbours, share * expected, 0.0)
+            factor = max(1.0 + share * (factor - 1.0), 1.0 + 2.0 * neighbours)
             return _raised(0.5 * total / (1.0 - neighbours), series.size / factor)
         series, memory = _joined(series), 0.5 * memory
     return None
+
+
+def _share_in_common(neighbours, chance, expected):
+    """Share of the scatter that neighbours may have in common, from their correlation.
+
+    `chance`: standard error of that correlation; `expected`: what it is of all the scatter.
+    """
+    return min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)
 
 
 def _largest_correlation(expected, size):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
+from harvester.base.numbers import is_real
 from harvester.base.serialising import LEFT_OUT, plain
 
 NONE_SEEN = "none seen: no error bar for their rate"
@@ -66,6 +69,27 @@ class Estimate:
     def __repr__(self) -> str:
         return with_error(self, self.unit)
 
+    def __format__(self, spec: str) -> str:
+        return format(float(self), spec) if spec else str(self)
+
+    def __mul__(self, factor: Any) -> Estimate:
+        return self.times(factor, self.unit) if is_real(factor) else self._no_result(factor)
+
+    def __truediv__(self, divisor: Any) -> Estimate:
+        return self * (1.0 / divisor) if is_real(divisor) else self._no_result(divisor)
+
+    def _no_result(self, other: Any) -> Any:
+        """Refuse what has no error bar: two estimates on the same noise are not independent."""
+        raise HarvesterError(
+            f"{self} and {other}: an Estimate is multiplied and divided by numbers alone; compute "
+            "and compare with float(…), or with .estimate and .standard_error (errors on the same "
+            "noise are correlated)"
+        )
+
+    __rmul__ = __mul__
+    __add__ = __radd__ = __sub__ = __rsub__ = __rtruediv__ = __pow__ = __rpow__ = _no_result
+    __lt__ = __le__ = __gt__ = __ge__ = _no_result
+
     def times(self, factor: float, unit: str = "") -> Estimate:
         """The estimate in a unit that is smaller by this factor."""
         error = self.standard_error
@@ -109,4 +133,16 @@ def root(square: Estimate) -> Estimate:
     if error is not None:
         error = 0.5 * error / root if root > 0.0 else 0.0
     dimension = square.dimension.removesuffix("^2")
-    return Estimate(root, error, square.effective_sample_size, dimension, square.note)
+    unit = square.unit.removesuffix("^2").strip("()")
+    return Estimate(root, error, square.effective_sample_size, dimension, square.note, unit)
+
+
+def with_roots(quantities: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """The quantities, each mean square followed by its root (rms)."""
+    extended: dict[str, Estimate] = {}
+    for name, estimate in quantities.items():
+        extended[name] = estimate
+        of_root = name.replace("mean_square", "rms")
+        if of_root not in quantities and estimate.estimate >= 0.0:
+            extended[of_root] = root(estimate)
+    return extended

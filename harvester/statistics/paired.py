@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.statistics.estimate import Estimate, why_no_error
 from harvester.statistics.moments import QUANTITIES, Moments
@@ -44,7 +43,7 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         efficiency.
     """
     balances = [
-        well_balance(run.scene, prepared(run.scene).system, run.moments)
+        well_balance(run.scene, run.prepared_scene.system, run.moments)
         for run in (result, reference)
     ]
     ours, theirs = (

@@ -92,7 +92,7 @@ def efficiency_notes(
         if share <= SMALL_EXCESS:
             return (
                 f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
-                "its power; choose a shorter --step",
+                "its power; choose a shorter step",
             )
         return (
             f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
@@ -128,7 +128,7 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
         return ()
     return (
         f"the output power is {output_power / input_power:.1g} of the base's input power: steps "
-        "may change it by some per cent; compare with --step finest",
+        "may change it by some per cent; compare with step = finest",
     )
 
 

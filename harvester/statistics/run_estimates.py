@@ -67,7 +67,7 @@ STRETCHES = 8.0
 NOTED_CHANGE = 0.03
 SENSITIVE = (
     "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
-    "before; choose --step finest or a shorter one, best with --method monte-carlo"
+    "before; choose step = finest or a shorter one, best by the method monte-carlo"
 )
 CHAOTIC = (
     "the path is chaotic: runs whose excitation differs by the possible step error end with powers "

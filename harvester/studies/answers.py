@@ -16,7 +16,7 @@ from harvester.engines.realization import quantity_names
 from harvester.engines.request import COMPLETE, Request
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, resolving
+from harvester.scene.steps import has_own_knots, resolving, spacing_of
 from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.strain import without_line
@@ -53,12 +53,16 @@ def is_noisy(scene: Scene, method: Method) -> bool:
 def check_quantities(
     quantities: Sequence[str], scenes: Iterable[Scene], methods: Sequence[Method]
 ) -> None:
-    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name."""
+    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name.
+
+    The root of a mean square is one of the quantities.
+    """
     names: dict[str, None] = {}
     if any(isinstance(method, Stationary) for method in methods):
         names = dict.fromkeys(DIMENSIONS)
     for scene in scenes:
-        names |= dict.fromkeys(quantity_names(scene))
+        names |= dict.fromkeys(quantity_names(prepared(scene)))
+        names |= {name.replace("mean_square", "rms"): None for name in names}
         if names.keys() >= {*quantities}:
             return
     for quantity in quantities:
@@ -111,9 +115,9 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
     `of`: scenes among which the finest spacing is taken; None: the scenes themselves.
     """
-    if not hasattr(scenes[0].excitation, "knot_spacing"):
+    if has_own_knots(scenes[0]):
         return list(scenes)
-    spacing = min(knot_spacing(prepared(resolving(scene))) for scene in (of or scenes))
+    spacing = min(spacing_of(resolving(scene)) for scene in (of or scenes))
     excitations: list[Any] = [scene.excitation for scene in scenes]
     return [
         replace(scene, excitation=replace(excitation, knot_spacing=spacing))
@@ -131,16 +135,17 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
         raise OutOfTime(
-            "the time budget was spent before the optimum was found; with --output the same "
-            "command goes on"
+            "the time budget was spent before the optimum was found; with a folder (output) the "
+            "same command goes on"
         )
     return answers
 
 
 def orbits_at(scene: Scene, method: Method, runner: Any) -> tuple:
     """The orbits that drawn starts reach; empty under noise or of a linear device."""
-    if not isinstance(method, Engine) or not note_on_one_start(prepared(scene)):
-        return ()
     if scene.run.starts is None:
         scene = replace(scene, run=replace(scene.run, starts=STARTS))
-    return first_answer(runner, Request(with_orbit(scene), method)).orbits
+    request = Request(with_orbit(scene), method)
+    if request.is_averaged or not note_on_one_start(request.prepared_scene):
+        return ()
+    return first_answer(runner, request).orbits

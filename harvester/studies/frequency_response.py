@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
-from harvester.base.arguments import listed
+from harvester.base.arguments import listed, real_numbers
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity, written
-from harvester.base.numbers import is_real
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
@@ -35,7 +34,7 @@ from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import (
     faintness,
     knot_spacing,
@@ -185,6 +184,7 @@ class FrequencyResponse(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=2,
             dataset=self._dataset,
         )
 
@@ -238,7 +238,7 @@ class FrequencyResponse(ResultBase):
             where = self.frequencies[np.nanargmax(costs) % self.frequencies.size]
             lines.append(
                 f"the steps cost powers {least:.1g} to {most:.1g} %, most at {where:.4g} Hz; "
-                "--step fine costs a sixteenth of that or less"
+                "step = fine costs a sixteenth of that or less"
             )
         for sweep in self.sweeps:
             name = self.power
@@ -346,7 +346,7 @@ class _Outputs:
 
 
 def one_direction(
-    scene: Scene,
+    prepared_scene: Prepared,
     engine: str,
     step: str | float,
     report: Callable,
@@ -364,8 +364,8 @@ def one_direction(
         version; seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
+    ready, scene = prepared_scene, prepared_scene.scene
     excitation: Any = scene.excitation
-    ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
     for number, frequency in enumerate(excitation.frequencies):
@@ -401,7 +401,7 @@ def _step_error(stepped, engine, frequency, rms_voltage, power):
         return math.nan
     scene, spacing = stepped.scene, knot_spacing(stepped)
     sine = Sine(scene.excitation.amplitude, frequency, knot_spacing=spacing)
-    ready = prepared(replace(scene, excitation=sine))
+    ready = stepped.replace(excitation=sine)
     steps = steps_per_sample(stepped, engine.step, engine.name)
     cost = step_error(ready, spacing / steps, engine.name)
     return cost * faintness(susceptance(ready) * rms_voltage**2, power)
@@ -409,14 +409,10 @@ def _step_error(stepped, engine, frequency, rms_voltage, power):
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
     """Frequencies in Hz in rising order, each once, from a list, generator, array or number."""
-    wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
-    one = isinstance(frequencies, numbers.Real)
-    requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
-    if not all(map(is_real, requested)):
-        raise wrong
-    rising = np.unique(np.array(requested, dtype=float))
-    if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
-        raise wrong
+    one = [frequencies] if isinstance(frequencies, numbers.Real) else frequencies
+    rising = np.unique(real_numbers(one, "frequencies", "[10.0, 12.5]"))
+    if rising[0] <= 0.0:
+        raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     return rising
 
 
@@ -450,15 +446,15 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     """
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
-    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
+    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]', str)
     available = quantities_of(scene)
     usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))
     return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
-def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
+def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    ready = prepared(scene)
+    scene = ready.scene
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = transient_time(ready, SETTLED_SHARE, MOST_PERIODS / frequencies.min())

@@ -11,11 +11,11 @@ from typing import Any
 from circuits.netlist.subcircuits import UnknownParameter
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.numbers import on_quotes
 from harvester.base.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
-from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing
+from harvester.scene.steps import has_own_knots, spacing_of
 from harvester.scene.tables import all_keys
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
@@ -100,11 +100,15 @@ def make_grid(
     HarvesterError
         An unknown key or load, a value out of range, a load given twice.
     """
-    loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
+    written = 'loads=["bridge"]'
+    loads = [str(k) if isinstance(k, Path) else k for k in listed(loads, "loads", written)]
+    loads = listed(loads, "loads", written, str) or (OWN_LOAD,)
     sweeps = {
         key: listed(levels, f"over[{key!r}]", "[0.1, 0.2]")
         for key, levels in table(sweeps, "over", GRID_WRITTEN).items()
     }
+    if any_key and not sweeps:
+        raise HarvesterError(f"--over: names no key; write {GRID_WRITTEN}")
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
@@ -154,7 +158,8 @@ def _check_sweep(scene, key, values, any_key, loaded):
     for value in values:
         word = any_key and not listed and isinstance(value, str)
         if not (word or (isinstance(value, Real) and math.isfinite(value))):
-            raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
+            reason = f"must be a number{on_quotes(value)}"
+            raise HarvesterError(f"{option} {key}: {shown(value)}: {reason}")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
     if len(loaded) > 1:
@@ -219,15 +224,15 @@ def _with_storage(points):
     return points, (
         f"storage capacitor of {', '.join(dict.fromkeys(changed))}: the netlist's own, or what "
         f"charges with a time constant of settle/{CHARGING_TIMES:g} = "
-        f"{settle / CHARGING_TIMES:g} s where that is smaller; --sweep load.parameters.storage="
-        "VALUE sets another",
+        f"{settle / CHARGING_TIMES:g} s where that is smaller; swept values of "
+        "load.parameters.storage set others",
     )
 
 
 def _on_common_knots(points):
     """All points with the finest spacing of any: else they would not share their noise."""
-    spacings = [knot_spacing(prepared(point.scene)) for point in points]
-    if min(spacings) == max(spacings) and not hasattr(points[0].scene.excitation, "knot_spacing"):
+    spacings = [spacing_of(point.scene) for point in points]
+    if min(spacings) == max(spacings) and has_own_knots(points[0].scene):
         return points
     try:
         change = {"excitation.knot_spacing": min(spacings)}

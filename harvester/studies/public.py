@@ -10,6 +10,7 @@ import contextlib
 import math
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
@@ -23,9 +24,9 @@ from harvester.base.signatures import (
     Count,
     Distributions,
     Faults,
-    File,
     Grid,
     Grids,
+    Hertz,
     Kind,
     Loads,
     MethodOrName,
@@ -42,6 +43,8 @@ from harvester.engines.methods import Engine, engine_of, method_of
 from harvester.engines.simulate import TIME_LIMIT, require_paths, simulate
 from harvester.scene.calling import checked, scene_of, takes_scene
 from harvester.studies import JUDGED, ROWS, TIME_BUDGET
+
+COVARIANCE = Kind("FILE", "a dictionary or a path", lambda v: isinstance(v, (Mapping, str, Path)))
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,8 +103,6 @@ def validate(
 
         harvester validate paper --output results --report paper.html
     """
-    from harvester.averaging.closures import CLOSURES
-    from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.engines.progress import Stages
     from harvester.engines.spread import running
@@ -111,14 +112,12 @@ def validate(
 
     parameters = prepared(scene).system
     until = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
-    closures, refused = {}, {}
-    for closure in CLOSURES:
-        try:
-            closures[closure] = average(scene, method=closure, jump_rates=True)
-        except (AveragingError, LoadError) as error:
-            refused[closure] = str(error)
     results, stages = [], Stages(progress) if progress else None
-    with running(runner, executor, scene.run.realizations, workers) as pool:
+    with (
+        ThreadPoolExecutor(1) as meanwhile,
+        running(runner, executor, scene.run.realizations, workers) as pool,
+    ):
+        averaged = meanwhile.submit(_averaged, scene)
         for method, (begin, end) in comparison.SHARES.items():
             if stages:
                 stages.begin(begin, end, method)
@@ -135,7 +134,22 @@ def validate(
             results.append(result)
     circuit, monte_carlo = results
     paired = paired_difference(circuit, monte_carlo)
+    closures, refused = averaged.result()
     return comparison.Comparison(circuit, monte_carlo, closures, refused, paired)
+
+
+def _averaged(scene):
+    """The scene by all closures, and why others refuse it."""
+    from harvester.averaging.closures import CLOSURES
+    from harvester.averaging.of_scene import average
+
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, method=closure, jump_rates=True)
+        except (AveragingError, LoadError) as error:
+            refused[closure] = str(error)
+    return closures, refused
 
 
 @takes_scene
@@ -209,7 +223,8 @@ def frequency_response(
     names = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
-    scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
+    prepared_scene = prepared(scene)
+    scenes: list[Any] = [work.stepped(prepared_scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
@@ -230,7 +245,7 @@ def frequency_response(
         engine=engine.name,
         frequencies=rising,
         sweeps=sweeps,
-        scales=prepared(scene).scales,
+        scales=prepared_scene.scales,
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
@@ -241,14 +256,14 @@ def frequency_response(
 
 @checked
 def spectrum(
-    source: File,
+    source: Annotated[Any, Kind("FILE")],
     /,
     *,
-    device: File | None = None,
+    device: Annotated[Any, Kind("FILE")] | None = None,
     column: str | None = None,
     unit: str | None = None,
-    sampling_rate: float | None = None,
-    resolution: float | None = None,
+    sampling_rate: Hertz | None = None,
+    resolution: Hertz | None = None,
     duration: Seconds | None = None,
     breakpoints: int = 20,
     mend: Faults = (),
@@ -296,12 +311,14 @@ def spectrum(
     if not isinstance(source, (str, Path)) or name.endswith(".toml") or name in built_in_names():
         for option, value in {"device": device, "column": column, "unit": unit}.items():
             if value is not None:
-                raise HarvesterError(f"{option}: is for a record, and {source} is a scene")
+                of_scene = getattr(source, "name", source)
+                raise HarvesterError(f"{option}: is for a record, and {of_scene} is a scene")
         return work.of_scene(scene_of(source), duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is taken whole")
     number: Any = int(column) if column is not None and column.isdigit() else column
-    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
+    faults = [*listed(mend, "mend", 'mend=["nan"]', str)]
+    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": faults}
     of_device = None if device is None else scene_of(device)
     return work.of_record(name, keys, of_device, resolution, breakpoints)
 
@@ -361,13 +378,13 @@ def sweep(
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
-    methods = tuple(listed(methods, "methods", 'methods=["monte-carlo"]'))
+    methods = listed(methods, "methods", 'methods=["monte-carlo"]')
     chosen = [item if isinstance(item, Method) else method_of(item, step=step) for item in methods]
     names = [method.name for method in chosen]
     labels = tuple(m.label if names.count(m.name) > 1 else m.name for m in chosen)
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
-    quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
+    quantities = listed(quantities, "quantities", 'quantities=["mean_power"]', str)
     grid = make_grid(scene, (), over, any_key=True)
     check_quantities(quantities, [point.scene for point in grid.points], chosen)
     requests = [
@@ -379,7 +396,7 @@ def sweep(
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
-    cells = work.cells_of(labels, answers)
+    cells = work.cells_of(labels, answers, quantities)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
@@ -462,7 +479,7 @@ def load_study(
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
-    with open_runner(**running) as runner:
+    with open_runner(**running) as runner, runner.in_stages() as stages:
         # Checked here already, so that a machine without ngspice raises before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
@@ -470,8 +487,11 @@ def load_study(
             evaluating(node.scene, point_method, runner.version(point_method.name), aim)
             for node, point_method in zip(grid.points, methods, strict=True)
         ]
-        with runner.reserving(work.PROOF_SHARE if judge else 0.0):
+        share = work.PROOF_SHARE if judge else 0.0
+        stages.begin(0.0, 1.0 - share, "")
+        with runner.reserving(share):
             evaluations = runner.follow(plans)
+        stages.begin(1.0 - share, 1.0, "cross-check")
         proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
     return work.LoadStudy(
         grid=grid,
@@ -493,7 +513,7 @@ def sensitivity(
     scene: Scene,
     vary: Distributions | None = None,
     *,
-    covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
+    covariance: Annotated[Mapping[str, Any] | str | Path, COVARIANCE] | None = None,
     quantity: str | None = None,
     method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,
@@ -657,7 +677,6 @@ def optimum(
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
     from harvester.engines.opening import open_runner
-    from harvester.engines.progress import Stages
     from harvester.statistics.output_side import RATIOS
     from harvester.studies.answers import check_quantities, checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
@@ -687,8 +706,6 @@ def optimum(
         raise HarvesterError("--evaluations: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
-    progress = running.pop("progress", None)
-    stages = Stages(progress or (lambda share, words: None))
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
         load = scene.load.circuit
@@ -704,8 +721,7 @@ def optimum(
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
     with contextlib.ExitStack() as opened:
         runner = opened.enter_context(open_runner(**running))
-        if progress:
-            opened.enter_context(runner.reporting_to(stages))
+        stages = opened.enter_context(runner.in_stages())
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:

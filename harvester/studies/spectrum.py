@@ -165,7 +165,7 @@ def _segment(count, interval, resolution, name):
     """Samples of a segment, even."""
     size = min(2.0 * count / (SEGMENTS + 1), MOST_IN_SEGMENT)
     if resolution:
-        size = HANN_BINS / (resolution * interval)
+        size = min(HANN_BINS / (resolution * interval), 2.0 * count)
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(
@@ -460,14 +460,14 @@ class SpectrumAnalysis(ResultBase):
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
             f"at Q = {QUALITY:g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
-            + (": take more --breakpoints" if abs(share) > NOTED_DEPARTURE else "")
+            + (": take more breakpoints" if abs(share) > NOTED_DEPARTURE else "")
             if self.profile.size
             else "no specification: the density is one line; take a sine instead"
         )
         if self.profile.size and self.resolved_from > self.profile[0, 0]:
             lines.append(
                 f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
-                f"device of Q = {QUALITY:g}: take a longer record, or --duration of a scene"
+                f"device of Q = {QUALITY:g}: take a longer record, or duration of a scene"
             )
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging.closures import CLOSURES
+from harvester.averaging.closures import CLOSURES, notes_on_errors
+from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error, written
 from harvester.base.plain_text import json_text
@@ -22,7 +23,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 
@@ -97,6 +98,12 @@ class Sweep(ResultBase):
             point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
             yield point, cells[where]
 
+    def _numbers(self) -> Named:
+        """All quantities of the cells by place, not only those that the table shows."""
+        names = {name: None for _, cell in self.places() for name in cell.estimates}
+        complete = replace(self, quantities=tuple(dict.fromkeys((*self.quantities, *names))))
+        return super(Sweep, complete)._numbers()
+
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each point, method and quantity."""
         header = [key_column(key, self.scene.units) for key in self.values]
@@ -134,6 +141,7 @@ class Sweep(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=1 + len(self.values),
             dataset=self._dataset,
         )
 
@@ -164,14 +172,14 @@ class Sweep(ResultBase):
         run = self.scene.run
         ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
         notes = placed_notes(
-            (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
-            for point, cell in self.places()
+            (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
         )
         settings = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
+            *notes_on_errors(self.methods),
             f"{', '.join(self.methods)}: {settings}, the same noise everywhere; "
             f"{self.seconds:.1f} s",
         ]
@@ -186,11 +194,17 @@ class Sweep(ResultBase):
         by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
         point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]
-        values = zip(self.values, point, strict=True)
-        where = ", ".join(f"{key} = {in_words(value)}" for key, value in values)
         return (
             f"highest {name.replace('_', ' ')}: "
-            f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"
+            f"{with_error(best, unit_of(self.scene, best.dimension))} at {self._where(point)}, "
+            f"by {cell.method}"
+        )
+
+    def _where(self, point, between=" = "):
+        """The values of a place with their units, and the keys in front of them."""
+        return ", ".join(
+            f"{key + between if between else ''}{value_words(key, value, self.scene.units)}"
+            for key, value in zip(self.values, point, strict=True)
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -250,15 +264,18 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
 
 
-def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
-    """The cells of a sweep from the answers, for every point and method in order."""
+def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
+    """The cells of a sweep from the answers, for every place and method in order.
+
+    They hold the answers' quantities, and of the roots of mean squares those that are asked for.
+    """
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
-        cells[k] = _cell(labels[k % len(labels)], answer)
+        cells[k] = _cell(labels[k % len(labels)], answer, quantities)
     return cells
 
 
-def _cell(method, answer):
+def _cell(method, answer, quantities):
     """An answer, the error that came instead, or None where the time was spent."""
     if answer is None:
         return Cell(method, OUT_OF_TIME)
@@ -267,7 +284,9 @@ def _cell(method, answer):
     outcome = answer.outcome
     if outcome == COMPLETE:
         outcome = "; ".join([COMPLETE, *answer.notes])
-    return Cell(method, outcome, answer.in_units(), answer.realizations, answer.orbits)
+    names = {*answer.quantities, *quantities}
+    estimates = {name: mean for name, mean in answer.in_units().items() if name in names}
+    return Cell(method, outcome, estimates, answer.realizations, answer.orbits)
 
 
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:

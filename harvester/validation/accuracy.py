@@ -129,12 +129,18 @@ class Accuracy(ResultBase):
                 rows[-1] += [seconds if size <= limit else NEVER for limit in LIMITS]
         return header, rows
 
+    def _setting(self, method):
+        return method.setting(self.answer.prepared_scene)
+
+    def _step(self, method):
+        return method.step(self.answer.prepared_scene)
+
     def _cells(self, row):
         order = self.orders[row.method.family]["displacement"]
         errors = [row.errors.get(name) for name in self.errors]
         return [
             row.method.family,
-            row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
+            self._setting(row.method) + (" (brief run)" if row.method.brief else ""),
             *(number(row.strong[name], 2) for name in STATES),
             Printed(f"{number(order, 3)} ({row.method.order})", order),
             *(_percent(row.bias.get(name)) for name in MEANS),
@@ -151,9 +157,11 @@ class Accuracy(ResultBase):
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
             f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
             "where these follow the restarts of a PWL run",
-            f"bias: against {self.reference.family} ({self.reference.step(answer.scene):g} s), on "
+            f"bias: against {self.reference.family} ({self._step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
+            *["bias of a closure: ± holds the reference's sampling and its own numerical error"]
+            * bool(self.closures),
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
             f"sampling error of the long run itself: {sampling}",
@@ -183,7 +191,7 @@ class Accuracy(ResultBase):
         ]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
         steps = [
-            row.method.step(self.scene)
+            self._step(row.method)
             for row in rows
             if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below"}
         ]
@@ -192,7 +200,7 @@ class Accuracy(ResultBase):
         return [
             *lines,
             "this run is too short to show that any step keeps every bias below 1 %: raise "
-            "run.duration, or take --thorough",
+            "run.duration, or thorough runs",
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -225,8 +233,8 @@ class Accuracy(ResultBase):
         return {
             **fields_of(row.method),
             **fields_of(row),
-            "setting": row.method.setting(self.scene),
-            "longest_step": row.method.step(self.scene),
+            "setting": self._setting(row.method),
+            "longest_step": self._step(row.method),
             "simulated_time": row.simulated_time,
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),

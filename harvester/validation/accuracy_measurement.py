@@ -33,7 +33,7 @@ from harvester.engines.request import (
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import TOO_SHORT, Estimate
@@ -99,20 +99,20 @@ class Timed:
         slows a task down.
     """
 
-    def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
+    def __init__(self, model: Prepared, answers: Sequence[dict[str, Any]]) -> None:
         self.moments: list[Moments] = [m for answer in answers for m in answer["moments"]]
         self.measured_time = _measured_time(self.moments)
         self.simulated_time = sum(moments.time_reached for moments in self.moments)
         self.seconds = sum(answer["seconds"] for answer in answers)
         self.cost = min(answer["seconds"] / _measured_time(answer["moments"]) for answer in answers)
-        self.scene = scene
+        self.scene, self.prepared_scene = model.scene, model
         self._estimates: dict[int, dict[str, Estimate]] = {}
 
     def quantities(self, count: int | None = None) -> dict[str, Estimate]:
         """Estimates from all realizations, or from the first few."""
         moments = self.moments[:count]
         if len(moments) not in self._estimates:
-            estimates = estimate_all(moments, prepared(self.scene).system)
+            estimates = estimate_all(moments, self.prepared_scene.system)
             self._estimates[len(moments)] = estimates | estimate_output(moments)
         return self._estimates[len(moments)]
 
@@ -274,7 +274,10 @@ def measure(
     OutOfTime
         The time budget was spent before it was there.
     """
-    with_load = _has_load(scene)
+    model = prepared(scene)
+    with_load = not scene.load.is_resistor
+    if with_load:
+        circuit_of(model)
     reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1
     # A load with more than a resistor has but one way to run the circuit.
@@ -287,15 +290,15 @@ def measure(
         compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
         methods = LOAD_METHODS if with_load else (*every, *compiled)
     methods = tuple(methods)
-    short = _short_scene(scene, PATHS * factor)
+    short = _short_scene(model, PATHS * factor)
     strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
     scenes = {
-        False: scene.replace({"run.realizations": scene.run.realizations * factor}),
-        True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
+        False: model.with_run(realizations=scene.run.realizations * factor),
+        True: _brief_scene(model, BRIEF_REALIZATIONS * factor),
     }
     asked = [
-        Request(run_scene, reference.engine, step=reference.step(run_scene), moments=True)
-        for run_scene in scenes.values()
+        Request(run.scene, reference.engine, step=reference.step(run), moments=True)
+        for run in scenes.values()
     ]
     answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
@@ -324,8 +327,8 @@ def measure(
         closures=averaged,
         refused=refused,
         exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
-        horizon=short.run.duration,
-        paths=short.run.realizations,
+        horizon=short.scene.run.duration,
+        paths=short.scene.run.realizations,
         speeds=speeds,
     )
 
@@ -355,46 +358,41 @@ def _there(outcomes):
     return outcomes
 
 
-def _has_load(scene):
-    """Whether the load is a netlist that is more than a resistor; LoadError if it is not taken."""
-    if scene.load.is_resistor:
-        return False
-    circuit_of(prepared(scene))
-    return True
-
-
-def _brief_scene(scene, realizations):
+def _brief_scene(model, realizations):
     """Runs for slow methods: half of each for the transient, or less if `run.settle` is."""
-    model = prepared(scene)
+    scene = model.scene
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
-    run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
-    return scene.replace(
-        run={**run, "realizations": realizations}, excitation={"knot_spacing": knot_spacing(model)}
-    )
+    changes = {
+        "run.duration": min(scene.run.duration, half),
+        "run.settle": min(scene.run.settle, half),
+        "run.realizations": realizations,
+        "excitation.knot_spacing": knot_spacing(model),
+    }
+    return model.replace(changes)
 
 
-def _short_scene(scene, paths):
+def _short_scene(model, paths):
     """Some periods from rest: short enough that paths do not separate."""
-    model = prepared(scene)
     period = 2.0 * math.pi / timescales.angular_frequency(model.system)
     knots = min(math.ceil(PERIODS * period / knot_spacing(model)), MOST_KNOTS)
-    return from_rest(scene, knots, paths)
+    return from_rest(model, knots, paths)
 
 
-def _exact_paths(scene, with_load, runner):
+def _exact_paths(model, with_load, runner):
     """The states that errors are deviations of, shape (realizations, knots, 3)."""
     if with_load:
-        [outcomes] = _answers([(scene, LOAD_PATHS, 1)], runner, paths_at_knots)
+        [outcomes] = _answers([(model, LOAD_PATHS, 1)], runner, paths_at_knots)
         return np.concatenate([answer["states"] for answer in _there(outcomes)])
+    scene = model.scene
     indices = range(scene.run.realizations)
     tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in indices]
     return np.array(_there(runner.run(tasks)))
 
 
-def _strong_errors(scene, methods, exact, runner):
+def _strong_errors(model, methods, exact, runner):
     """Mean step (s) and RMS error of each state of every method."""
-    spacing = knot_spacing(prepared(scene))
-    calls = [(scene, method, method.copies or len(exact)) for method in methods]
+    spacing = knot_spacing(model)
+    calls = [(model, method, method.copies or len(exact)) for method in methods]
     answers = _answers(calls, runner, paths_at_knots)
     return [_strong_error(spacing, outcomes, exact) for outcomes in answers]
 
@@ -402,10 +400,10 @@ def _strong_errors(scene, methods, exact, runner):
 def _answers(calls, runner, function):
     """Outcomes of the tasks of each call: a scene, a method and the realizations of a task."""
     groups = []
-    for scene, method, size in calls:
-        indices = range(scene.run.realizations)
+    for model, method, size in calls:
+        indices = range(model.scene.run.realizations)
         parts = [indices[first : first + size] for first in indices[::size]]
-        groups.append([realizations_task(scene, method, part, runner, function) for part in parts])
+        groups.append([realizations_task(model, method, part, runner, function) for part in parts])
     outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
     return [[next(outcomes) for _ in tasks] for tasks in groups]
 
@@ -425,27 +423,26 @@ def _runs(scenes, methods, runner):
     """Each method's run for the means, or why there is none; `scenes` by `ComparedMethod.brief`."""
     calls = [(scenes[m.brief], m, m.together(scenes[m.brief])) for m in methods]
     runs: list[Timed | str] = []
-    for (scene, *_), outcomes in zip(calls, _answers(calls, runner, timed), strict=True):
+    for (model, *_), outcomes in zip(calls, _answers(calls, runner, timed), strict=True):
         good, ended = answers_before_failure(outcomes)
         reason = told(ended) if isinstance(ended, HarvesterError) else ended
-        runs.append(reason or Timed(scene, good))
+        runs.append(reason or Timed(model, good))
     return runs
 
 
 def timed(
-    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+    prepared_scene: Prepared, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
     Runs in a worker process; `method` holds the values of `ComparedMethod.options`.
     """
-    brief = scene.replace(
-        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
-    )
+    warm_up = WARM_UP_KNOTS * knot_spacing(prepared_scene)
+    brief = prepared_scene.replace({"run.settle": 0.0, "run.duration": warm_up})
     settings = dict(method)
     engine = engine_of(settings.pop("engine"), **settings)
     run(brief, engine, indices[:1], None, report)
-    realizations = run(scene, engine, indices, None, report)
+    realizations = run(prepared_scene, engine, indices, None, report)
     return {
         "moments": [realization.moments for realization in realizations],
         "seconds": sum(realization.seconds for realization in realizations),
@@ -453,27 +450,32 @@ def timed(
 
 
 def paths_at_knots(
-    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+    prepared_scene: Prepared, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
     """States of a few realizations at the knots, and the number of points of all their records."""
-    realizations = recorded(scene, indices=indices, **method)
+    realizations = recorded(prepared_scene, indices=indices, **method)
     points = sum(realization.moments.points for realization in realizations)
-    return {"states": states_at_knots(scene, realizations), "points": points}
+    return {"states": states_at_knots(prepared_scene, realizations), "points": points}
 
 
 def realizations_task(
-    scene: Scene, method: ComparedMethod, indices: Sequence[int], runner: Runner, function: Callable
+    model: Prepared,
+    method: ComparedMethod,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable,
 ) -> Task:
     """The task of some realizations that run together; `function` has the signature of `timed`."""
-    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
+    options = method.options(model)
+    arguments = {"scene": model.scene, "method": options, "indices": list(indices)}
     version = runner.version(method.engine)
     return Task(function, arguments, version, method.family, len(indices))
 
 
-def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
+def averages_once_more(prepared_scene: Prepared, closure: str, report: Callable) -> dict[str, Any]:
     """A scene by a closure, timed with its code compiled (in a worker process)."""
     for _ in range(2):
-        answer = averages(scene, closure, None, False, report)
+        answer = averages(prepared_scene, closure, None, False, report)
     return answer
 
 

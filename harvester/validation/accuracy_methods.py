@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines import side_by_side
-from harvester.scene.prepared import prepared
 from harvester.validation import entries
 from harvester.validation.paths import longest_step
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
 
 
 @dataclass(frozen=True)
@@ -47,30 +46,28 @@ class ComparedMethod:
         """The family without its scheme, if that is the trapezoidal rule or Gear's formula."""
         return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
 
-    def step(self, scene: Scene) -> float:
+    def step(self, model: Prepared) -> float:
         """Longest step (s)."""
-        return longest_step(scene, "default", self.engine) / self.refinement
+        return longest_step(model, "default", self.engine) / self.refinement
 
-    def together(self, scene: Scene) -> int:
+    def together(self, model: Prepared) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""
         if self.copies is not None:
             return self.copies
-        if not side_by_side.share_steps(
-            prepared(scene), self.step(scene), self.source, self.tolerance
-        ):
+        if not side_by_side.share_steps(model, self.step(model), self.source, self.tolerance):
             return 1
-        return side_by_side.copies(scene.run.realizations, self.device)
+        return side_by_side.copies(model.scene.run.realizations, self.device)
 
-    def setting(self, scene: Scene) -> str:
+    def setting(self, model: Prepared) -> str:
         """The setting, as text, that distinguishes this method in its family: tolerance or step."""
         if self.tolerance is not None:
             return f"tolerance {self.tolerance:.0e}".replace("e-0", "e-")
-        return f"step {self.step(scene):.4g}"
+        return f"step {self.step(model):.4g}"
 
-    def options(self, scene: Scene) -> dict[str, Any]:
+    def options(self, model: Prepared) -> dict[str, Any]:
         """The engine's name and settings, as arguments of `harvester.simulate`."""
         names = ("engine", "source", "scheme", "tolerance", "device")
-        return {"step": self.step(scene), **{name: getattr(self, name) for name in names}}
+        return {"step": self.step(model), **{name: getattr(self, name) for name in names}}
 
 
 def _listed(name):

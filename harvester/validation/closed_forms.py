@@ -13,8 +13,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from harvester.device import timescales
 from harvester.device.piezo import BaseForcedPiezo
 from harvester.device.system import System, elastic_force, potential
-from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation import EFFICIENCY, VELOCITY, VOLTAGE
 from harvester.validation.formulas import gibbs_mean
@@ -29,7 +28,7 @@ CLEAR = 6.0
 Means: TypeAlias = dict[str, tuple[float, float]]
 
 
-def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
+def closed_forms(model: Prepared, realizations: int) -> dict[str, Means]:
     """The forms that hold for a scene, by their names; none where the load is a netlist.
 
     Parameters
@@ -37,9 +36,8 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     realizations : int
         Number in the compared run: they start in successive wells.
     """
-    if not scene.load.is_resistor:
+    if not model.scene.load.is_resistor:
         return {}
-    model = prepared(scene)
     system = model.system
     if isinstance(system.transducer, BaseForcedPiezo):
         # Neither form has the charge that the base moves.

@@ -22,15 +22,14 @@ from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
 from harvester.engines.realization import start_state
-from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation.paths import ignore, noise_at_knots
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 
 
-def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
+def run(prepared_scene: Prepared, index: int, report: Callable = ignore) -> np.ndarray:
     """States of one realization at the knots 1, 2, …, scaled (in a worker process).
 
     Returns
@@ -38,10 +37,9 @@ def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
     ndarray, shape (knots, 3)
         X, X', terminal voltage.
     """
-    model = prepared(scene)
-    equations = Equations(model.system)
-    noise, spacing = noise_at_knots(scene, index), knot_spacing(model)
-    state = np.array(start_state(model, index), dtype=float)
+    equations = Equations(prepared_scene.system)
+    noise, spacing = noise_at_knots(prepared_scene, index), knot_spacing(prepared_scene)
+    state = np.array(start_state(prepared_scene, index), dtype=float)
     equations.begin(state, noise[0])
     states = np.empty((noise.size - 1, 3))
     for knot in range(noise.size - 1):

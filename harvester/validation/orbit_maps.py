@@ -154,7 +154,7 @@ class OrbitVoltages(_PaperMap):
 def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
-    wells, outer = _families(prepared(scene).system)
+    wells, outer = _families(scene)
     # The corners of the rectangle lie on the outermost orbit: half of the energy is potential, half
     # kinetic.
     speed = MARGIN * np.sqrt(outer.height[-1])
@@ -176,14 +176,14 @@ def orbit_voltages(scene: Scene) -> OrbitVoltages:
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
     responses = {}
     for device, changed in devices.items():
-        families = zip(("wells", "outer"), _families(prepared(changed).system), strict=True)
+        families = zip(("wells", "outer"), _families(changed), strict=True)
         responses[device] = {edge: _response(orbits) for edge, orbits in families}
     return OrbitVoltages(scene, responses, time.perf_counter() - clock)
 
 
-def _families(system):
+def _families(scene):
     """Wells and outer orbits in the potential of Eq. 15, which they share at the separatrix."""
-    (wells, low, high), (outer, first, _) = edges_of(system, "paper")
+    (wells, low, high), (outer, first, _) = edges_of(prepared(scene).system, "paper")
     return (
         settled_orbits(wells, np.linspace(low, high, LEVELS), NODES),
         settled_orbits(outer, np.linspace(first, np.log(HIGHEST), LEVELS), NODES),

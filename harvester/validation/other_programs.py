@@ -24,8 +24,7 @@ from harvester.base.errors import ProgramNotFound, SimulationError
 from harvester.base.libraries import install_command
 from harvester.base.temporary import TemporaryFolder
 from harvester.engines.realization import noise_path, start_state
-from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation.paths import knot_times, noise_at_knots
 
@@ -48,30 +47,30 @@ STRAY, STRAY_SHARE = 10e-12, 1e-6
 RADAU_TOLERANCES = {"rtol": 1e-6, "atol": 1e-9}
 
 
-def plain_ngspice(scene: Scene) -> np.ndarray:
+def plain_ngspice(model: Prepared) -> np.ndarray:
     """X and terminal voltage (scaled) at the knots 1, 2, … by `ngspice -b`, noise included.
 
     Raises
     ------
     ProgramNotFound, SimulationError
     """
-    netlist = _exported(scene)
+    netlist = _exported(model)
     # -n: the user's own start file is not read.
     command = (find_ngspice(), "-n", "-b", "-r", "scene.raw", "scene.cir")
     raw = _run({"scene.cir": netlist.text + ".end\n"}, *command)
-    return _at_knots(scene, raw, "v(displacement)", f"v({netlist.terminal})")
+    return _at_knots(model, raw, "v(displacement)", f"v({netlist.terminal})")
 
 
-def vacask(scene: Scene) -> np.ndarray:
+def vacask(model: Prepared) -> np.ndarray:
     """X and terminal voltage (scaled) at the knots by VACASK, an independent simulator.
 
     See `plain_ngspice`.
     """
-    netlist = _exported(scene)
+    netlist = _exported(model)
     included, deck = _for_vacask(netlist)
     files = {"scene.cir": included, "scene.sim": deck}
     raw = _run(files, find_vacask(), "-qp", "scene.sim")
-    return _at_knots(scene, raw, "displacement", netlist.terminal)
+    return _at_knots(model, raw, "displacement", netlist.terminal)
 
 
 def find_ngspice() -> str:
@@ -107,8 +106,7 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
     return dict(zip(names, values.T, strict=True))
 
 
-def _exported(scene):
-    model = prepared(scene)
+def _exported(model):
     start = start_state(model, 0)
     return stand_alone(model, noise_path(model, 0), start, "finest", TOLERANCE)
 
@@ -163,11 +161,11 @@ def _run(files, *command):
         return read_raw(raw)
 
 
-def _at_knots(scene, raw, displacement, terminal):
-    times = knot_times(scene)
+def _at_knots(model, raw, displacement, terminal):
+    times = knot_times(model)
     volts = np.interp(times, raw["time"], raw[terminal])
     moved = np.interp(times, raw["time"], raw[displacement])
-    return np.column_stack([moved, volts / prepared(scene).scales.voltage])
+    return np.column_stack([moved, volts / model.scales.voltage])
 
 
 def _on_path(name):
@@ -176,16 +174,15 @@ def _on_path(name):
     return shutil.which(name, path=os.pathsep.join(folders))
 
 
-def bridge_path(scene: Scene) -> np.ndarray:
+def bridge_path(model: Prepared) -> np.ndarray:
     """X and terminal voltage (scaled) of the first realization at the knots 1, 2, …
 
     The scene is in SI, with `bridge` of 1N4148s as load, its `resistance` and `storage` given, a
     piezo, spring and damper of the source paper's form, and no contacts.
     """
-    model = prepared(scene)
-    noise, spacing = noise_at_knots(scene, 0), knot_spacing(model)
+    noise, spacing = noise_at_knots(model, 0), knot_spacing(model)
     state = np.array([*start_state(model, 0)[:2], 0.0, 0.0, 0.0])
-    derivative = _equations(scene)
+    derivative = _equations(model)
     points = np.empty((noise.size - 1, 2))
     for k in range(noise.size - 1):
         begin, end = k * spacing, (k + 1) * spacing
@@ -199,10 +196,9 @@ def bridge_path(scene: Scene) -> np.ndarray:
     return points / (1.0, model.scales.voltage)
 
 
-def _equations(scene):
+def _equations(model):
     """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
-    model = prepared(scene)
-    system, scales = model.system, model.scales
+    scene, system, scales = model.scene, model.system, model.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
     polynomial: Any = system.spring
     spring = polynomial.coefficients

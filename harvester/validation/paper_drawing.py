@@ -104,7 +104,9 @@ def _series(method, points, quantity, factor, colour):
         y = np.array([factor * estimate.estimate for _, estimate in selected])
         bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in selected]
         series.append(Series(values, y, words, colour, "", symbol, bars, size=size))
-    return [drawn for drawn in series if drawn.y.size]
+    # If all its points are too short, the method's own mark is in the legend alone.
+    seen = any(drawn.y.size for drawn in series)
+    return [drawn for drawn in series if drawn.y.size or (seen and drawn.label)]
 
 
 def _density(method, density, colour):

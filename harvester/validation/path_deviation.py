@@ -24,7 +24,7 @@ from harvester.engines.codec import register
 from harvester.engines.methods import MonteCarlo
 from harvester.engines.realization import Realization, run, start_state
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import STATES
 from harvester.validation.paths import (
@@ -111,23 +111,22 @@ class PathDeviation:
 
 
 def path_deviation(
-    scene: Scene, engine: str, step: str | float
+    model: Prepared, engine: str, step: str | float
 ) -> tuple[PathDeviation, list[Realization]]:
     """Compare an engine's paths with fine ones; also its realizations at the step asked for.
 
     In a worker process; of the scene's run only the seed counts.
     """
-    brief = path_scene(scene)
-    model = prepared(brief)
-    reference = reference_engine(scene)
-    fine = states_at_knots(brief, _paths(brief, reference, "fine"))
+    model = path_scene(model)
+    reference = reference_engine(model.scene)
+    fine = states_at_knots(model, _paths(model, reference, "fine"))
     # RMS of each state over paths and knots; 1 where it stays 0.
     sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    comparable = _comparable(brief, reference, fine, sizes)
-    finer = longest_step(brief, step, engine) / FINER
-    runs = _paths(brief, engine, step), _paths(brief, engine, finer)
-    at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
+    comparable = _comparable(model, reference, fine, sizes)
+    finer = longest_step(model, step, engine) / FINER
+    runs = _paths(model, engine, step), _paths(model, engine, finer)
+    at_step, at_finer = (states_at_knots(model, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
     times = [
@@ -138,11 +137,11 @@ def path_deviation(
     deviation = PathDeviation(
         reference=reference,
         of_limit=_largest((_limit(at_step, at_finer) - fine) / sizes, compared),
-        of_mechanics=_of_mechanics(brief, runs, (at_step, at_finer), compared),
+        of_mechanics=_of_mechanics(model, runs, (at_step, at_finer), compared),
         resolution=max(least, LEFT_OF_STEP_ERROR * _largest(step_errors, compared)),
         of_mean_squares=_mean_squares(at_step, fine, compared),
-        compared_periods=times[0] / _period(brief),
-        comparable_periods=times[1] / _period(brief),
+        compared_periods=times[0] / _period(model),
+        comparable_periods=times[1] / _period(model),
         compared_time=times[0],
         paths=len(fine),
     )
@@ -154,32 +153,31 @@ def _limit(at_step, at_finer):
     return at_finer + (at_finer - at_step) / (FINER**2 - 1.0)
 
 
-def _of_mechanics(scene, runs, states, compared):
+def _of_mechanics(model, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
-    system = prepared(scene).system
+    system = model.system
     holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
     # State and voltage determine the forces on the mass.
     replayable = isinstance(system.transducer, Piezo) and not holds_speeds
-    if reference_engine(scene) != "circuit" or not replayable or not compared.any():
+    if reference_engine(model.scene) != "circuit" or not replayable or not compared.any():
         return np.nan
     apart = [
-        path_states[..., 0] - replayed(scene, [realization.waveform for realization in ours])
+        path_states[..., 0] - replayed(model, [realization.waveform for realization in ours])
         for ours, path_states in zip(runs, states, strict=True)
     ]
     size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
     return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
 
 
-def path_scene(scene: Scene) -> Scene:
-    """The scene for a number of steps, from a typical state."""
-    model = prepared(scene)
-    spacing, period = knot_spacing(model), _period(scene)
+def path_scene(model: Prepared) -> Prepared:
+    """The prepared scene for a number of steps, from a typical state."""
+    spacing, period = knot_spacing(model), _period(model)
     step = spacing / steps_per_sample(model)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
-    brief = from_rest(scene, max(round(length / spacing), 1), paths)
-    return brief.replace(_typical_start(scene))
+    brief = from_rest(model, max(round(length / spacing), 1), paths)
+    return brief.replace(_typical_start(model))
 
 
 def reference_engine(scene: Scene) -> str:
@@ -187,19 +185,19 @@ def reference_engine(scene: Scene) -> str:
     return "monte-carlo" if scene.load.is_resistor else "circuit"
 
 
-def _period(scene):
+def _period(model):
     """Period of small oscillations (s)."""
-    return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
+    return 2.0 * np.pi / timescales.angular_frequency(model.system)
 
 
-def _typical_start(scene):
+def _typical_start(model):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
+    scene = model.scene
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    model = prepared(scene)
-    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_sample(model)), 1), 1)
-    stop = settling.run.duration
-    window = (stop - _period(scene), 2.0 * stop)
+    settling = from_rest(model, max(round(SETTLING_STEPS / steps_per_sample(model)), 1), 1)
+    stop = settling.scene.run.duration
+    window = (stop - _period(model), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)
     system, scales = model.system, model.scales
     last: Any = settled.waveform
@@ -216,20 +214,20 @@ def _typical_start(scene):
     }
 
 
-def _paths(scene, engine, step):
-    count = scene.run.realizations
-    shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
+def _paths(model, engine, step):
+    count = model.scene.run.realizations
+    shared = engine == "circuit" and side_by_side.share_steps(model, step)
     together = [range(count)] if shared else [[index] for index in range(count)]
-    return [path for some in together for path in recorded(scene, engine, some, step)]
+    return [path for some in together for path in recorded(model, engine, some, step)]
 
 
-def _comparable(scene, engine, fine, sizes):
+def _comparable(model, engine, fine, sizes):
     """Knots before a small initial difference has grown by `LARGEST_GROWTH`: bool (paths,
     knots)."""
     shift = DISPLACED * sizes[STATES.index("velocity")]
-    start = scene.start.velocity if scene.start else 0.0
-    moved = scene.replace({"start.velocity": start + shift * prepared(scene).scales.displacement})
-    other = states_at_knots(scene, _paths(moved, engine, "fine"))
+    start = model.scene.start.velocity if model.scene.start else 0.0
+    moved = {"start.velocity": start + shift * model.scales.displacement}
+    other = states_at_knots(model, _paths(model.replace(moved), engine, "fine"))
     return _close((other - fine) / sizes, LARGEST_GROWTH * DISPLACED)
 
 
@@ -253,16 +251,15 @@ def _mean_squares(paths, fine, compared):
     return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())
 
 
-def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
+def replayed(model: Prepared, waveforms: Sequence[Record]) -> np.ndarray:
     """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
 
     Runge–Kutta of fourth order; `waveforms` belong to the realizations 0, 1, … from their
     beginning.
     """
-    model = prepared(scene)
     system = model.system
     spacing, count = knot_spacing(model), len(waveforms)
-    noise = [noise_at_knots(scene, index) for index in range(count)]
+    noise = [noise_at_knots(model, index) for index in range(count)]
     knots = noise[0].size - 1
     finer = REPLAY_STEPS_IN_CONTACT if system.contacts else REPLAY_STEPS
     steps = finer * steps_per_sample(model, "default")

@@ -7,43 +7,41 @@ import numpy as np
 
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import Realization, noise_path, run
-from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import STATES
 
 
-def longest_step(scene: Scene, step: str | float, engine: str) -> float:
+def longest_step(model: Prepared, step: str | float, engine: str) -> float:
     """Longest step of an engine (s)."""
-    model = prepared(scene)
     return knot_spacing(model) / steps_per_sample(model, step, engine)
 
 
-def knot_times(scene: Scene) -> np.ndarray:
+def knot_times(model: Prepared) -> np.ndarray:
     """Times of the knots 1, 2, … of a run that measures from its beginning (s)."""
-    spacing = knot_spacing(prepared(scene))
-    return spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+    spacing = knot_spacing(model)
+    return spacing * np.arange(1, round(model.scene.run.duration / spacing) + 1)
 
 
-def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
+def noise_at_knots(model: Prepared, index: int) -> np.ndarray:
     """The noise of one realization at the knots 0, 1, 2, …, scaled."""
-    return noise_path(prepared(scene), index).read(knot_times(scene).size + 1)
+    return noise_path(model, index).read(knot_times(model).size + 1)
 
 
-def from_rest(scene: Scene, knots: int, realizations: int) -> Scene:
-    """The scene for a number of knots of its noise, measured from its beginning."""
-    spacing = knot_spacing(prepared(scene))
+def from_rest(model: Prepared, knots: int, realizations: int) -> Prepared:
+    """The prepared scene for a number of knots of its noise, measured from its beginning."""
+    spacing = knot_spacing(model)
     changes = {
         "run.duration": knots * spacing,
         "run.settle": 0.0,
         "run.realizations": realizations,
         "excitation.knot_spacing": spacing,
     }
-    return scene.replace(changes)
+    return model.replace(changes)
 
 
 def recorded(
-    scene: Scene, engine: str, indices: Sequence[int], step: str | float, **options: Any
+    model: Prepared, engine: str, indices: Sequence[int], step: str | float, **options: Any
 ) -> list[Realization]:
     """Some realizations with their whole waveforms.
 
@@ -52,11 +50,11 @@ def recorded(
     **options
         Options of `harvester.simulate` that define the engine.
     """
-    window = (0.0, 2.0 * scene.run.duration)
-    return run(scene, engine_of(engine, step=step, **options), indices, window, ignore)
+    window = (0.0, 2.0 * model.scene.run.duration)
+    return run(model, engine_of(engine, step=step, **options), indices, window, ignore)
 
 
-def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.ndarray:
+def states_at_knots(model: Prepared, realizations: Sequence[Realization]) -> np.ndarray:
     """States at the knots, which every engine has among its points, scaled.
 
     Returns
@@ -64,7 +62,7 @@ def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.nda
     ndarray, shape (realizations, knots, 3)
         States in the order of `STATES`.
     """
-    times = knot_times(scene)
+    times = knot_times(model)
     waveforms: Any = [realization.waveform for realization in realizations]
     states = [
         [np.interp(times, waveform.time, getattr(waveform, name)) for name in STATES]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Unpack
 
-from harvester.base.errors import HarvesterError
+from harvester.base.arguments import listed
 from harvester.base.signatures import RunnerOptions, Step
 from harvester.engines.simulate import check_step, require_noise
 from harvester.scene.calling import checked, takes_scene
@@ -51,8 +51,11 @@ def verify(
         harvester verify --output results
     """
     from harvester.engines.opening import open_runner
+    from harvester.validation.known_results import Truth
     from harvester.validation.verify import verification
 
+    if chosen is not None:
+        chosen = listed(chosen, "chosen", "some of known_results.catalogue()", Truth)
     with open_runner(**running) as runner:
         return verification(runner, chosen)
 
@@ -96,7 +99,10 @@ def stability(
     """
     from harvester.engines.opening import open_runner
     from harvester.validation.stability import matrix_of
+    from harvester.validation.stability_cases import Case
 
+    if cases is not None:
+        cases = listed(cases, "cases", "some of stability_cases.default_cases()", Case)
     step = check_step(step)
     require_noise(scene, "stability")
     running.setdefault("time_limit", TIME_LIMIT)
@@ -144,12 +150,11 @@ def accuracy(
     from harvester.engines.opening import open_runner
     from harvester.validation.accuracy import Accuracy
     from harvester.validation.accuracy_measurement import measure
-    from harvester.validation.accuracy_methods import METHODS, ComparedMethod
+    from harvester.validation.accuracy_methods import ComparedMethod
 
     require_noise(scene, "accuracy")
-    if not all(isinstance(method, ComparedMethod) for method in methods or METHODS):
-        raise HarvesterError(
-            "methods: each is a ComparedMethod out of harvester.validation.accuracy_methods.METHODS"
-        )
+    if methods is not None:
+        where = "some of harvester.validation.accuracy_methods.METHODS"
+        methods = listed(methods, "methods", where, ComparedMethod)
     with open_runner(**running) as runner:
         return Accuracy(**measure(scene, runner, thorough, methods))

@@ -10,8 +10,9 @@ import numpy as np
 
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.arguments import listed
-from harvester.base.errors import SimulationError
+from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import NOT_KNOWN, written
+from harvester.base.plain_text import shown
 from harvester.base.serialising import plain
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Request, relative_error
@@ -231,9 +232,11 @@ def reproduce(
         After the time budget was spent, missing points are None.
     """
     clock = time.perf_counter()
-    names = listed(names, "names", '["fig4"]')
+    names = listed(names, "names", '["fig4"]', str)
     for name in names:
         check_name("figure", name, NAMES)
+    if on_figure is not None and not callable(on_figure):
+        raise HarvesterError(f"on_figure = {shown(on_figure)}: must be a function of one argument")
     contents = {}
 
     def keep(name, content):

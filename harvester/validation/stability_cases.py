@@ -19,11 +19,12 @@ from harvester.base.serialising import key
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
+from harvester.device.system import System
 from harvester.engines.codec import register
 from harvester.engines.methods import ENGINES, MonteCarlo, engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.units import length_scale
 from harvester.statistics.balance import energy_balance_residual
 from harvester.statistics.run_quantities import estimate_all
@@ -104,9 +105,9 @@ def changed(scene: Scene, case: Case) -> Scene:
     if scene.units == "SI":
         # The unit of length and the scaled values stay those of the unchanged scene.
         changes["length_scale"] = length_scale(scene)
-    new = scene.replace(changes)
+    new = prepared(scene.replace(changes))
     settle, duration = run_length(new)
-    return new.replace({"run.settle": settle, "run.duration": duration})
+    return new.scene.replace({"run.settle": settle, "run.duration": duration})
 
 
 _OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
@@ -123,7 +124,7 @@ def _stoppers(scene, values):
     length, mass = _units(scene)
     tables, new = scene.to_tables().get("stoppers", {}), dict(values)
     if "gap_in_wells" in new:
-        new["gap"] = new.pop("gap_in_wells") * _reference_length(scene) * length
+        new["gap"] = new.pop("gap_in_wells") * _reference_length(prepared(scene).system) * length
     changed_tables = []
     for table in tables if isinstance(tables, list) else [tables]:
         changed_tables.append({**table, **new})
@@ -138,9 +139,8 @@ def _units(scene):
     return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
 
 
-def _reference_length(scene):
+def _reference_length(system):
     """The farthest well's distance in scaled units; without wells the gap, or one unit."""
-    system = prepared(scene).system
     bare = system.spring
     wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
     if any(wells):
@@ -188,17 +188,16 @@ def _monostable(oscillator):
     return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
 
 
-def run_length(scene: Scene) -> tuple[float, float]:
+def run_length(model: Prepared) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    step = longest_step(scene, "default", "monte-carlo")
-    affordable = STEP_BUDGET * step / scene.run.realizations
-    settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
+    step = longest_step(model, "default", "monte-carlo")
+    affordable = STEP_BUDGET * step / model.scene.run.realizations
+    settle = min(SETTLED_TIMES * slowest_time(model.system), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle
 
 
-def slowest_time(scene: Scene) -> float:
+def slowest_time(system: System) -> float:
     """The longest of relaxation time, period, correlation time of the noise and 1/λ (s)."""
-    system = prepared(scene).system
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
     return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
@@ -240,26 +239,29 @@ class CaseAnswer:
     path: PathDeviation | None = None
 
 
-def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:
+def answer(
+    prepared_scene: Prepared, method: str, step: str | float, report: Callable
+) -> CaseAnswer:
     """One case by one engine or closure; a warning counts as an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        case_answer = (
-            _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
-        )
+        if method in ENGINES:
+            case_answer = _simulated(prepared_scene, method, step)
+        else:
+            case_answer = _averaged(prepared_scene, method)
     report(1.0)
     return case_answer
 
 
-def _simulated(scene, engine, step):
-    engine_of(engine).check(scene)
-    path, realizations = path_deviation(scene, engine, step)
-    has_means, system = engine == "monte-carlo", prepared(scene).system
+def _simulated(model, engine, step):
+    engine_of(engine).check(model.scene)
+    path, realizations = path_deviation(model, engine, step)
+    has_means, system = engine == "monte-carlo", model.system
     if has_means:
-        scene = _affordable(scene, step)
-        realizations = _run(scene, step)
+        model = _affordable(model, step)
+        realizations = _run(model, step)
     moments = [realization.moments for realization in realizations]
-    slowest = SETTLED_TIMES * slowest_time(scene)
+    slowest = SETTLED_TIMES * slowest_time(system)
     return CaseAnswer(
         estimates=estimate_all(moments, system) if has_means else {},
         residual=energy_balance_residual(moments, system),
@@ -268,29 +270,30 @@ def _simulated(scene, engine, step):
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
-        step=longest_step(scene, step, engine),
-        settled=not has_means or scene.run.settle > LEAST_SETTLED_SHARE * slowest,
+        step=longest_step(model, step, engine),
+        settled=not has_means or model.scene.run.settle > LEAST_SETTLED_SHARE * slowest,
         path=path,
     )
 
 
-def _run(scene, step):
-    return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
+def _run(model, step):
+    return run(model, MonteCarlo(step), range(model.scene.run.realizations), None, ignore)
 
 
-def _affordable(scene, step):
+def _affordable(model, step):
     """The scene with its run shortened until the steps in contacts fit the budget."""
+    scene = model.scene
     length = scene.run.settle + scene.run.duration
-    brief = min(TRIAL_STEPS * longest_step(scene, step, "monte-carlo"), length)
+    brief = min(TRIAL_STEPS * longest_step(model, step, "monte-carlo"), length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
-    [first] = _run(scene.replace(one), step)
+    [first] = _run(model.replace(one), step)
     points = first.moments.points * length / brief * scene.run.realizations
     share = min(STEP_BUDGET / points, 1.0)
     times = {"run.duration": scene.run.duration, "run.settle": scene.run.settle}
-    return scene.replace({name: share * value for name, value in times.items()})
+    return model.replace({name: share * value for name, value in times.items()})
 
 
-def _averaged(scene, closure):
+def _averaged(model, closure):
     clock = time.process_time()
-    averages = average(averaged_device(scene), closure)
+    averages = average(averaged_device(model), closure)
     return CaseAnswer(estimates_of(averages), None, time.process_time() - clock)

@@ -10,15 +10,15 @@ from harvester.engines.realization import run
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.statistics.run_estimates import run_estimates
 from harvester.validation import STATES, exact_paths, other_programs
 from harvester.validation.paths import recorded, states_at_knots
 
 # Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
 # the knots 1, 2, …
-OTHERS: dict[str, Callable[[Scene], np.ndarray]] = {
-    "DOP853": lambda scene: exact_paths.run(scene, 0)[:, [0, 2]],
+OTHERS: dict[str, Callable[[Prepared], np.ndarray]] = {
+    "DOP853": lambda model: exact_paths.run(model, 0)[:, [0, 2]],
     "Radau": other_programs.bridge_path,
     "ngspice -b": other_programs.plain_ngspice,
     "VACASK": other_programs.vacask,
@@ -43,21 +43,22 @@ BEAM_FILES = {
 FITTED = ((0, 6.3, 100), (0, 6.3, 150), (0, 9.1, 25), (0, 9.1, 50))
 
 
-def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
+def rebound(prepared_scene: Prepared, engine: str, report: Callable) -> tuple[float, float]:
     """Rebound speed off a stopper: at the end of a run whose mass hits it with speed 1."""
-    [path] = recorded(scene, engine, [0], "default")
+    [path] = recorded(prepared_scene, engine, [0], "default")
     return -float(path.waveform.velocity[-1]), 0.0  # type: ignore[union-attr]
 
 
 def deviation_from_other_program(
-    scene: Scene, engine: str, step: str, other: str, column: str, report: Callable
+    prepared_scene: Prepared, engine: str, step: str, other: str, column: str, report: Callable
 ) -> tuple[float, float]:
     """Root mean square difference from another path at the knots, relative to the rms of the path.
 
     `other` is one of `OTHERS`, `column` of `COLUMNS`.
     """
-    theirs = OTHERS[other](scene)[:, COLUMNS.index(column)]
-    states = states_at_knots(scene, recorded(scene, engine, [0], step))
+    theirs = OTHERS[other](prepared_scene)[:, COLUMNS.index(column)]
+    realizations = recorded(prepared_scene, engine, [0], step)
+    states = states_at_knots(prepared_scene, realizations)
     ours = states[0, :, STATES.index(column)]
     return float(np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))), 0.0
 
@@ -68,26 +69,33 @@ def highest(
     """The largest value of a quantity (scaled) among some scenes without noise."""
     values = []
     for scene in scenes:
-        [realization] = run(scene, engine_of(engine), [0], None, report)
-        estimates = run_estimates(prepared(scene), [realization.moments]).whole
+        model = prepared(scene)
+        [realization] = run(model, engine_of(engine), [0], None, report)
+        estimates = run_estimates(model, [realization.moments]).whole
         values.append(estimates[quantity].estimate)
     return float(max(values)), 0.0
 
 
-def silverbox_error(place: str, digest: str, scene: Scene, report: Callable) -> tuple[float, float]:
+def silverbox_error(
+    place: str, digest: str, prepared_scene: Prepared, report: Callable
+) -> tuple[float, float]:
     """NRMSE of a run from rest through the test part."""
     values = np.genfromtxt(place, delimiter=",", skip_header=1)[:, :2]
     values = values - values[slice(*TRAINED)].mean(axis=0)
     (u, y), (tried, response) = (values[slice(*part)].T for part in (TRAINED, TESTED))
     free = [f"oscillator.{key}" for key in ("damping", "restoring_force[1]", "restoring_force[3]")]
     free.append("sensor.acceleration_scale")
-    fit = identify(scene, Measurement(u, RATE, displacement=y), free=free, compare=False)
+    fit = identify(
+        prepared_scene.scene, Measurement(u, RATE, displacement=y), free=free, compare=False
+    )
     seen = fit.simulated(Measurement(tried, RATE, displacement=response))["displacement"]
     error = (seen - response)[SKIPPED_SAMPLES:]
     return float(np.sqrt(np.mean(error**2)) / np.std(response[SKIPPED_SAMPLES:])), 0.0
 
 
-def beam_claims(place: str, digest: str, scene: Scene, report: Callable) -> tuple[float, float]:
+def beam_claims(
+    place: str, digest: str, prepared_scene: Prepared, report: Callable
+) -> tuple[float, float]:
     """Share of the claimed validation records that lie within their intervals.
 
     The tilt of the base is a constant force, found in each record of another tilt.
@@ -103,7 +111,7 @@ def beam_claims(place: str, digest: str, scene: Scene, report: Callable) -> tupl
 
     aside = [record(*keys) for keys in BEAM_FILES if keys not in FITTED]
     fitted = [record(*keys) for keys in FITTED]
-    fit = identify(scene, fitted, keep_aside=aside, compare=False)
+    fit = identify(prepared_scene.scene, fitted, keep_aside=aside, compare=False)
     claimed = [prediction for prediction in fit.kept_aside if prediction.claimed]
     held = sum(prediction.holds for prediction in claimed)
     return held / len(claimed) if claimed else 0.0, 0.0

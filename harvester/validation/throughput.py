@@ -15,7 +15,7 @@ from harvester.engines.realization import run
 from harvester.engines.side_by_side import MOST_COPIES
 from harvester.engines.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation.paths import from_rest
 
@@ -52,12 +52,15 @@ def task(scene: Scene, version: str) -> Task:
 
 
 def measured_alone(
-    scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
+    prepared_scene: Prepared, compiled: bool, knots: int, repeats: int, report: Callable
 ) -> dict[str, Any]:
     """The `rows` of `measure` and the `machine`, measured from a worker with processes of
     its own."""
     with WorkerPool(workers=2) as pool:
-        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
+        return {
+            "rows": measure(prepared_scene, pool, compiled, knots, repeats),
+            "machine": machine(),
+        }
 
 
 def machine() -> dict[str, Any]:
@@ -71,7 +74,7 @@ def machine() -> dict[str, Any]:
 
 
 def measure(
-    scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
+    model: Prepared, pool: Workers, compiled: bool, knots: int, repeats: int
 ) -> list[Throughput]:
     """Measure every way to run a scene's circuit; of `repeats` measurements the best counts.
 
@@ -80,7 +83,7 @@ def measure(
     to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
-    spacing = knot_spacing(prepared(scene))
+    spacing = knot_spacing(model)
     knot = {"step": spacing}
     ways: list[tuple[str, int, int, dict[str, Any]]] = [
         ("external source, a step a knot", 1, 1, knot),
@@ -96,7 +99,7 @@ def measure(
         """Time some netlists at once, each with some copies; the more, the fewer knots."""
         count = math.ceil(knots / math.sqrt(copies))
         call = {
-            "scene": from_rest(scene, count, copies * processes),
+            "prepared_scene": from_rest(model, count, copies * processes),
             "engine": Circuit(**{"device": "behavioural", **options}),
             "window": None,
         }

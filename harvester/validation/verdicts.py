@@ -220,7 +220,8 @@ def _of_means(method, scene, answered):
     Only these two claim to solve the equations themselves.
     """
     simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
-    if isinstance(prepared(scene).system.transducer, BaseForcedPiezo):
+    model = prepared(scene)
+    if isinstance(model.system.transducer, BaseForcedPiezo):
         # The stationary solution omits the charge that the base's motion moves.
         solved = None
     if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:
@@ -229,7 +230,7 @@ def _of_means(method, scene, answered):
         return list(_of_pair(simulated, solved, "Monte Carlo")) if solved else []
     evidence = [
         comparison
-        for form, means in closed_forms(scene, simulated.realizations).items()
+        for form, means in closed_forms(model, simulated.realizations).items()
         for name, (value, error) in means.items()
         for comparison in _of_mean(form, name, simulated.estimates[name], value, error)
     ]

@@ -7,7 +7,7 @@ from truths import Keep
 
 from harvester.device.beam.lumped import lumped
 from harvester.device.beam.magnets import Magnets
-from harvester.engines.monte_carlo.engine import run_realizations
+from harvester.engines.methods import MonteCarlo
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
@@ -67,7 +67,8 @@ def test_both_engines_follow_scipys_path(pool):
     expected = scipys_path(scene, round(stop_time(ready) / spacing)) / [length, volts]
     nearness = 1e-4 * np.maximum(1.0, np.abs(expected).max(axis=0))
     keep = Keep()
-    run_realizations(ready, [noise_path(ready, 0)], [start_state(ready, 0)], [[keep]], "finest")
+    engine = MonteCarlo("finest")
+    engine.run_realizations(ready, [noise_path(ready, 0)], [start_state(ready, 0)], [[keep]])
     assert (np.abs(keep.at_knots(spacing)[:, [0, 2]] - expected) < nearness).all()
     result = simulate(scene, step="finest", window=(0.0, 1e9), workers=1, runner=pool)
     waveform = np.array(result.waveform.record)

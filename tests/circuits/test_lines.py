@@ -89,7 +89,7 @@ def _excitation(kind, amplitude, line, length, folder):
 
 def means(scene, engine, step):
     """Scaled means of a run."""
-    [found] = run(scene, engine_of(engine, step=step), [0], None, lambda _: None)
+    [found] = run(prepared(scene), engine_of(engine, step=step), [0], None, lambda _: None)
     estimates = run_estimates(prepared(scene), [found.moments]).scaled
     return np.array([estimates[name].estimate for name in QUANTITIES if name in estimates])
 

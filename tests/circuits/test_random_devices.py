@@ -6,7 +6,7 @@ from device_scenes import random_device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo.engine import run_realizations
+from harvester.engines.methods import MonteCarlo
 from harvester.engines.simulate import simulate
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
@@ -22,7 +22,7 @@ def by_monte_carlo(scene, displaced=0.0):
     ready = prepared(scene)
     x, v, state = start_state(ready, 0)
     starts = [(x + displaced, v, state)]
-    run_realizations(ready, [noise_path(ready, 0)], starts, [[keep]], "finest")
+    MonteCarlo("finest").run_realizations(ready, [noise_path(ready, 0)], starts, [[keep]])
     return keep.at_knots(knot_spacing(ready))[:, 0]
 
 

@@ -45,7 +45,7 @@ JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
 PROPAGATOR = "harvester/averaging/propagator.py"
-CLOSURES, ORBITS = "harvester/averaging/closures.py", "harvester/averaging/orbits.py"
+CLOSURES, ORBITS = "harvester/averaging/over_orbits.py", "harvester/averaging/orbits.py"
 INTERVALS = "harvester/identification/intervals.py"
 COMMAND_LINE = "harvester/cli/command_line.py"
 
@@ -614,8 +614,8 @@ FAULTS = [
     Fault(
         "identification: half of the residuals' spectrum counts",
         INTERVALS,
-        "weight = np.full(frequencies.size, 2.0)",
-        "weight = np.full(frequencies.size, 1.0)",
+        "weight = np.full(frequencies.size, 2.0 / samples)",
+        "weight = np.full(frequencies.size, 1.0 / samples)",
         OF_INTERVALS,
     ),
     Fault(

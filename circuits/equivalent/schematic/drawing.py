@@ -98,9 +98,10 @@ def schematic(scene: SceneOrName) -> Schematic:
     scene = scene_of(scene)
     from circuits.equivalent.assembly import assemble
 
-    circuit = read_topology(assemble(prepared(scene), named=True).text)
+    prepared_scene = prepared(scene)
+    circuit = read_topology(assemble(prepared_scene, named=True).text)
     pen = Pen()
-    transducer = prepared(scene).network
+    transducer = prepared_scene.network
     electrical = {*transducer.nodes, elements.behind_ammeter(transducer), *LOAD_SIDE}
     right, low = _mechanics(pen, circuit, scene.name, electrical)
     call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)

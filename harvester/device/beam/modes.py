@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 # Points of the Gauss quadrature on each piece; the first modes have less than a few waves in one.
 GAUSS_POINTS = 24
@@ -83,6 +82,8 @@ def modes(
     `pieces`: the beam's pieces from the clamp to the tip. `root_compliance`: rotation of the clamp
     by a moment (rad/(N m)); 0: rigid.
     """
+    from scipy.optimize import brentq
+
     lowest: list[Mode] = []
     before, start = SMALLEST_LAMBDA, _mismatch(SMALLEST_LAMBDA, pieces, tip, root_compliance)
     while len(lowest) < count:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.base.compilation import numba
+from harvester.base import compilation
 from harvester.base.errors import SolutionDiverged
 from harvester.device import contact
 from harvester.device.record import Observer, Record
@@ -55,21 +55,20 @@ def prepare(prepared_scene: Prepared) -> None:
 
 
 def run_realizations(
+    engine: Any,
     prepared_scene: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[list[Observer]],
-    step: str | float = "default",
-    scheme: str = "runge-kutta",
     outputs: Any = None,
 ) -> dict[str, str | None]:
-    """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
+    """Integrate realizations side by side; see `harvester.engines.methods.Engine`.
 
-    `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
+    `outputs` is not used: a resistor has no output side.
     """
     s = prepared_scene.system
-    fixed = steps_per_sample(prepared_scene, step, "monte-carlo")
-    in_contact = steps_per_contact(prepared_scene, step, "monte-carlo")
+    fixed = steps_per_sample(prepared_scene, engine.step, "monte-carlo")
+    in_contact = steps_per_contact(prepared_scene, engine.step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
         moments = [
@@ -84,15 +83,16 @@ def run_realizations(
             if not isinstance(observer, Moments)
         ]
         chunks = integrate(
-            s, paths[some], starts[some], stop_time(prepared_scene), fixed, scheme, in_contact,
-            moments, any(getattr(observer, "reads_points", True) for _, observer in others),
+            s, paths[some], starts[some], stop_time(prepared_scene), fixed, engine.scheme,
+            in_contact, moments,
+            any(getattr(observer, "reads_points", True) for _, observer in others),
         )  # fmt: skip
         for columns, points in chunks:
             for k, other in others:
                 other.add(record_of(columns, points, k))
-    chosen = scheme_of(s, scheme, paths[0].spacing / fixed)
+    chosen = scheme_of(s, engine.scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{chosen.value}, numba {numba.__version__}",
+        "engine_version": f"{chosen.value}, numba {compilation.numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -174,7 +174,7 @@ def integrate(
             if several.diverged is not None:
                 raise SolutionDiverged(
                     "Monte Carlo diverged (values that are not finite) before t = "
-                    f"{several.diverged:g}; choose a shorter --step"
+                    f"{several.diverged:g}; choose a shorter step"
                 )
             yield room.columns, room.points
         noise[0] = noise[count]

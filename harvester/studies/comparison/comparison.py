@@ -7,13 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from harvester.averaging.closures import notes_on_errors
 from harvester.base.formatting import NOT_KNOWN, Printed, share_with_error, written
 from harvester.base.serialising import plain
 from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
 from harvester.results.headline import headline
 from harvester.results.page import Verdict
-from harvester.results.result import Result, with_roots
+from harvester.results.result import Result
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
@@ -24,7 +25,7 @@ from harvester.statistics.agreement import (
     differ,
     is_sharp,
 )
-from harvester.statistics.estimate import Estimate
+from harvester.statistics.estimate import Estimate, with_roots
 
 COMPARED = (
     "mean_square_voltage",
@@ -214,7 +215,7 @@ class Comparison(ResultBase):
                 continue
             value = result.printed(result.quantity(name), factor)
             text = f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})"
-            row.append(Printed(text, value.value, value.error, value.unit))
+            row.append(Printed(text, value.value, value.error, value.unit, None, value.estimate))
         return [row, *self._row_of_root(name)]
 
     def _row_of_root(self, name):
@@ -244,9 +245,10 @@ class Comparison(ResultBase):
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         lines += [*device_line(self.scene), *definitions(self.compared)]
         if self.closures:
+            lines += notes_on_errors(self.closures)
             lines.append(
-                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, "
-                "as a share and in standard errors of Monte Carlo alone"
+                "in brackets a closure's deviation from Monte Carlo, as a share and in standard "
+                "errors of Monte Carlo alone"
             )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 

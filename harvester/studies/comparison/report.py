@@ -14,7 +14,6 @@ from harvester.base.errors import MissingLibrary
 from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
-from harvester.results.excitation_drawing import draw_spectrum
 from harvester.results.page import (
     LEAST_SCALE,
     Verdict,
@@ -29,7 +28,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
-from harvester.scene.prepared import prepared
+from harvester.studies.comparison.excitation_drawing import draw_spectrum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +54,7 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
     scene = comparison.scene
     header, rows = comparison.table()
     legend = [LEGEND, *definitions(comparison.compared)]
-    text = html.escape(assemble(prepared(scene)).text)
+    text = html.escape(assemble(comparison.circuit.prepared_scene).text)
     netlist = (
         "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
         f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'

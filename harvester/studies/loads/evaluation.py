@@ -30,7 +30,7 @@ from harvester.engines.request import (
 from harvester.engines.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
 from harvester.statistics.estimate import NO_OUTPUT, ROUNDED_OFF, TOO_SHORT, Estimate
@@ -129,21 +129,22 @@ def evaluating(
         Relative error of the output power, possible step error included; None: the scene's own
         run.
     """
+    prepared_scene = prepared(scene)
     if isinstance(method, Stationary):
         answers = yield Wanted([averaging(scene, method)])
-        return _evaluate(scene, method.name, *answers_before_failure(answers))
+        return _evaluate(prepared_scene, method.name, *answers_before_failure(answers))
     if not isinstance(method, Engine):
         raise TypeError(f"{method} is neither an engine nor a closure")
-    cut = Realizations.of(scene, method, version, waveform=True)
-    cost = step_error(prepared(scene), method.step, method.name)
+    cut = Realizations.of(prepared_scene, method, version, waveform=True)
+    cost = step_error(prepared_scene, method.step, method.name)
 
     def judge(good, ended):
-        evaluation = _evaluate(scene, method.name, good, ended, cost)
+        evaluation = _evaluate(prepared_scene, method.name, good, ended, cost)
         # More realizations do not make a power precise that is none.
         unknown = evaluation.realizations and not evaluation.is_supplied
         return evaluation, evaluation.relative_error if unknown else 0.0
 
-    most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
+    most = MOST_REALIZATIONS if precision else distinct_realizations(prepared_scene)
     first = FIRST_REALIZATIONS if precision else most
     aim = sampling_error_budget(precision, cost) if precision else None
     evaluation = yield from in_rounds(cut, first, most, aim, judge)
@@ -151,7 +152,7 @@ def evaluating(
     return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
 
 
-def _evaluate(scene, method, good, ended, cost=0.0):
+def _evaluate(prepared_scene, method, good, ended, cost=0.0):
     """Quantities of one point.
 
     Parameters
@@ -163,7 +164,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     cost
         Share of a power that the steps may cost; see `harvester.scene.steps.step_error`.
     """
-    scales = prepared(scene).scales
+    scales = prepared_scene.scales
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(method, words)
@@ -172,7 +173,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    prepared_scene, moments, orbits, on_orbits = followed(prepared(scene), good, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, good, cost)
     scene, run = prepared_scene.scene, run_estimates(prepared_scene, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
@@ -210,17 +211,16 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     )
 
 
-def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
+def series_of(prepared_scene: Prepared, good: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks batch by batch, in the scene's units, or None.
 
     For several realizations without noise it is the mean over those on the followed orbit.
     """
     if not good:
         return None
-    series = power_series(
-        followed(prepared(scene), good, 0.0).moments, prepared(scene).scales.power
-    )
-    return series if scene.excitation.random else series.mean(axis=0, keepdims=True)
+    moments = followed(prepared_scene, good, 0.0).moments
+    series = power_series(moments, prepared_scene.scales.power)
+    return series if prepared_scene.scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:

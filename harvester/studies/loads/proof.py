@@ -129,18 +129,21 @@ def proving(
     first, judge : Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early, costs = [], [], []
-    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
-    from_rest = scene.replace({"run.settle": 0.0, "run.duration": duration})
+    prepared_scene = prepared(scene)
+    duration = min(periods_of(prepared_scene), scene.run.settle + scene.run.duration)
+    from_rest = prepared_scene.replace({"run.settle": 0.0, "run.duration": duration})
     for method, version in (first, judge):
-        costs.append(step_error(prepared(scene), method.step, method.name))
-        settled.append(_tasks(scene, PROOF_REALIZATIONS, method, version))
+        costs.append(step_error(prepared_scene, method.step, method.name))
+        settled.append(_tasks(prepared_scene, PROOF_REALIZATIONS, method, version))
         early.append(_tasks(from_rest, EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
     grouped = [[next(answers) for _ in tasks] for tasks in parts]
-    difference, standard_error, trouble, power = _difference(scene, costs, *grouped[:2])
+    difference, standard_error, trouble, power = _difference(prepared_scene, costs, *grouped[:2])
     proof = Proof(place, highest, difference, standard_error, trouble=trouble)
-    difference, standard_error, trouble, early_power = _difference(scene, costs, *grouped[2:])
+    difference, standard_error, trouble, early_power = _difference(
+        prepared_scene, costs, *grouped[2:]
+    )
     if early_power < LEAST_EARLY_SHARE * power:
         return proof
     return replace(
@@ -151,23 +154,23 @@ def proving(
     )
 
 
-def _tasks(scene, most, method, version):
-    cut = Realizations.of(scene, method, version, waveform=True)
-    different = distinct_realizations(prepared(scene))
+def _tasks(prepared_scene, most, method, version):
+    cut = Realizations.of(prepared_scene, method, version, waveform=True)
+    different = distinct_realizations(prepared_scene)
     return cut.tasks(0, min(most, different), different)
 
 
-def _difference(scene, costs, ours, theirs):
+def _difference(prepared_scene, costs, ours, theirs):
     """(difference, standard error, reason, power by Monte Carlo).
 
     The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
     cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty. Without noise
     the possible step errors of both are part of the error.
     """
-    powers = []
+    scene, powers = prepared_scene.scene, []
     for answers in (ours, theirs):
         good, ended = answers_before_failure(answers)
-        series = series_of(scene, good)
+        series = series_of(prepared_scene, good)
         if series is None:
             words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
             return math.nan, math.nan, words, math.nan

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.averaging.closures import notes_on_errors
 from harvester.base.arguments import check_name
 from harvester.base.errors import LoadError
 from harvester.base.formatting import (
     NOT_KNOWN,
-    number,
     quantity,
     share_with_error,
     span,
@@ -34,7 +34,7 @@ from harvester.engines.request import COMPLETE
 from harvester.engines.runner import Runner
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_words
+from harvester.scene.tables import key_column, key_words, value_words
 from harvester.scene.units import require_resistor
 from harvester.statistics.agreement import NEGLIGIBLE_SHARE, NOT_SHARP, differ, is_sharp
 from harvester.statistics.estimate import Estimate
@@ -205,6 +205,7 @@ class LoadStudy(ResultBase):
             alarms=self._alarms(),
             pictures=[Picture(draw, self, name) for name, draw in drawing.FIGURES.items()],
             records=self._records,
+            keys=1 + bool(self.curve_keys[1]),
             dataset=self._dataset,
         )
 
@@ -280,13 +281,14 @@ class LoadStudy(ResultBase):
         if self.precision:
             done = sum(e.relative_error <= self.precision for e in self.evaluations)
             lines.append(f"{done} of {total} points within {self.precision:.1%}")
+        lines += notes_on_errors(self.methods)
         lines += self._proofs()
         lines += self.grid.notes
         if any(e.realizations for e in self.evaluations):
             lines.append(
                 f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
                 f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
-                + f"; --precision takes at most {DURATION_OVER_SETTLE:g} times run.settle of each, "
+                + f"; a precision takes at most {DURATION_OVER_SETTLE:g} times run.settle of each, "
                 "and more of them" * bool(self.precision)
             )
         lines.append(
@@ -316,7 +318,7 @@ class LoadStudy(ResultBase):
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        values = ", ".join(number(value) for value in point.place)
+        values = self._place(point)
         where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
         early = proof.early_difference, proof.early_standard_error
         parts = {f"in the first {PERIODS:g} periods": early}
@@ -331,6 +333,11 @@ class LoadStudy(ResultBase):
         if not (proof.checks or proof.disagrees):
             words.append(f"not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
+
+    def _place(self, point):
+        """The swept values of a point, with their units."""
+        values = zip(self.grid.sweeps, point.place, strict=True)
+        return ", ".join(value_words(key, value, self.scene.units) for key, value in values)
 
     def _headline(self) -> str:
         """The best load with its power, and where its optimum is."""
@@ -466,7 +473,7 @@ class LoadStudy(ResultBase):
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            values = ", ".join(number(value) for value in point.place)
+            values = self._place(point)
             lines = notes if outcome == COMPLETE else [outcome]
             points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():

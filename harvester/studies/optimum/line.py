@@ -12,7 +12,7 @@ maximum; the paired errors of the values give its standard error.
 
     1. The slope at the window's middle is significant: move the window uphill.
     2. The cubic does not follow the values, or falls by more than 0.15: halve the window.
-    3. Two standard errors exceed 0.15 of the half width: run four times the realizations.
+    3. Two standard errors exceed 0.15 of the half width: run as many realizations as it takes.
     4. None of these: the maximum of the cubic, with its standard error, is the result.
 """
 
@@ -51,9 +51,10 @@ SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
 # Two standard errors of the optimum may be this share of the window's half width. Otherwise the
-# next round has a multiple of the realizations, up to the largest multiple.
-WANTED, TIMES_REALIZATIONS = 0.15, 4
-MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
+# next round has the realizations that would reach it, and this reserve; at most so many times as
+# many.
+WANTED, RESERVE, TIMES_REALIZATIONS = 0.15, 1.2, 4.0
+MOST_TIMES_REALIZATIONS = {"monte-carlo": 16.0, "circuit": 1.0}
 # A narrower window is fitted if a value deviates from the cubic by this number of standard errors,
 # and by this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
@@ -180,7 +181,7 @@ class Search:
         self._begin, self._error_of = begin, error_of(scene)
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
-        self._more = 1
+        self._more = 1.0
         self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
@@ -203,7 +204,7 @@ class Search:
             elif fit.flat_to:
                 centre = self._better_seen(centre, half, fit, answers)
             elif not fit.error or 2.0 * fit.error > WANTED:
-                if not self._lengthen():
+                if not self._lengthen(RESERVE * (2.0 * (fit.error or math.inf) / WANTED) ** 2):
                     return self._found(centre, half, fit, coordinates, answers)
             else:
                 return self._found(centre, half, fit, coordinates, answers)
@@ -215,7 +216,8 @@ class Search:
     def request(self, coordinate: float, **options: Any) -> Request:
         """The request for one point, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
-        realizations = None if self._more == 1 else self._more * self.scene.run.realizations
+        more = math.ceil(self._more * self.scene.run.realizations)
+        realizations = None if self._more == 1.0 else more
         return Request(scene, self.method, realizations=realizations, **options)
 
     def _answers(self, coordinates):
@@ -254,10 +256,10 @@ class Search:
         """The next window's centre, if the fitted maximum is not above both ends of the
         present window."""
         around = min(max(centre + half * fit.place, half), 1.0 - half)
-        if abs(around - centre) > RECENTRED * half:
+        # The place is no better known than a fall that is lost in noise.
+        longer = fit.noisy_ends and self._lengthen()
+        if longer or abs(around - centre) > RECENTRED * half:
             return around
-        if fit.noisy_ends and self._lengthen():
-            return centre
         location = self.axis.value(centre + half * fit.place)
         end = self.axis.value(centre + half * fit.flat_to)
         self._refuse_flat(
@@ -281,12 +283,11 @@ class Search:
             advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
-    def _lengthen(self):
+    def _lengthen(self, times=TIMES_REALIZATIONS):
         """Multiply the number of realizations; False if it is at its limit already."""
-        if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method.name]:
-            return False
-        self._more *= TIMES_REALIZATIONS
-        return True
+        before, most = self._more, MOST_TIMES_REALIZATIONS[self.method.name]
+        self._more = min(before * min(times, TIMES_REALIZATIONS), most)
+        return self._more > before
 
     def _found(self, centre, half, fit, coordinates, answers):
         if fit.error is None:

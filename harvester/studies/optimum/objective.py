@@ -11,7 +11,6 @@ from harvester.base.errors import SceneError
 from harvester.base.method import Method
 from harvester.engines.request import Request
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.paired import WITH_DEVIATIONS, deviations
@@ -44,7 +43,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     Without noise one row, the mean over the starts on the followed orbit. The answer holds its
     moments; `harvester.statistics.paired.deviations` accepts the quantity.
     """
-    factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
+    factor = answer.prepared_scene.scales.of(answer.quantities[quantity].dimension)
     series = factor * deviations(answer.moments, quantity)
     return series if answer.scene.excitation.random else series.mean(axis=0, keepdims=True)
 

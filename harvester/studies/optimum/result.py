@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from harvester.averaging.closures import notes_on_errors
 from harvester.base.formatting import prefixed, quantity, span, with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
@@ -227,6 +228,7 @@ class Optimum(ResultBase):
             f"{reach}; of the scene itself {with_error(scene_value, self.unit)}",
             *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
+            *notes_on_errors([self.method]),
             *self.notes,
         ]
 

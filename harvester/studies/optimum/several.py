@@ -88,7 +88,7 @@ def over_several(
         (answer,) = objective.answers([location], VALUE, **asked)
         if isinstance(answer, HarvesterError):
             raise answer
-    dimension = answer.quantities[quantity].dimension
+    dimension = answer.in_units()[quantity].dimension
     return Optimum(
         scene=scene,
         quantity=quantity,

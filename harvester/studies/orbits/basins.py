@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.arguments import listed
+from harvester.base.arguments import real_numbers
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, Printed, quantity, share_with_error
 from harvester.base.plain_text import json_text, shown
@@ -19,7 +19,7 @@ from harvester.results.panels import set_title
 from harvester.results.result import unit_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.starts import energy_range
 from harvester.statistics.attractors import QUANTITIES
 from harvester.statistics.estimate import Estimate
@@ -128,8 +128,8 @@ class Basins(ResultBase):
             f"the excitation or more; {self.seconds:.2f} s",
             f"plane of the starts: {self._axis('displacement', self.displacements)}, "
             f"{self._axis('velocity', self.velocities)}, with an "
-            "empty transducer at the beginning of a period of the excitation; --displacement and "
-            "--velocity set others",
+            "empty transducer at the beginning of a period of the excitation; `displacement` "
+            "and `velocity` set others",
             *orbit_sentences(self.orbits, self.unit),
             "a share counts the starts on this grid: another grid has other shares",
         ]
@@ -196,28 +196,24 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
 
 
 def axes_of_starts(
-    scene: Scene,
+    driven: Prepared,
     displacement: Sequence[float] | None,
     velocity: Sequence[float] | None,
     points: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacements and velocities of the grid, in the scene's units."""
-    ready = prepared(scene)
-    span = energy_range(ready)
+    span = energy_range(driven)
     if points > MOST_POINTS:
         raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
     default = {"displacement": (span.low, span.high), "velocity": (-span.speed, span.speed)}
     axes = []
     for name, coordinates in (("displacement", displacement), ("velocity", velocity)):
         if coordinates is None:
-            low, high = (end * ready.scales.of(name) for end in default[name])
+            low, high = (end * driven.scales.of(name) for end in default[name])
             axes.append(np.linspace(low, high, points))
             continue
-        try:
-            values = np.array(listed(coordinates, name, "[-0.01, 0.0, 0.01]"), dtype=float)
-        except (TypeError, ValueError):
-            values = np.array([np.nan])
-        if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
+        values = np.array(real_numbers(coordinates, f"--{name}", "[-0.01, 0.0, 0.01]"))
+        if not (np.diff(values) > 0.0).all():
             raise HarvesterError(
                 f"--{name} {shown(coordinates)}: must be rising numbers, such as "
                 "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"

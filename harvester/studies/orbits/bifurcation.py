@@ -29,9 +29,9 @@ from harvester.results.result import unit_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import step_error, susceptance
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.attractors import QUANTITIES, means_of
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import STATE
@@ -143,6 +143,7 @@ class Bifurcation(ResultBase):
             ),
             pictures=[Picture(_draw, self)],
             records=self._records,
+            keys=2,
             is_series=True,
             dataset=self._dataset,
         )
@@ -208,18 +209,18 @@ class Bifurcation(ResultBase):
             for kind, reason in REASONS.items():
                 where = self.values[[motion == kind for motion in branch.motion]]
                 if where.size:
-                    named = ", ".join(f"{value:.6g}" for value in where)
-                    lines.append(f"{branch.direction}: {kind} at {self.key} = {named}: {reason}")
+                    named = self._named(*where)
+                    lines.append(f"{branch.direction}: {kind} at {named}: {reason}")
         power = self.unit("power")
         lines += [
-            f"{jump.direction}: jump between {self.key} = {jump.before:.6g} and {jump.after:.6g}, "
+            f"{jump.direction}: jump between {self._named(jump.before, jump.after)}, "
             f"from {quantity(jump.power_before, power)} to {quantity(jump.power_after, power)}"
             for jump in self.jumps
         ]
         if self._every > 1:
             lines.append(
-                f"the table has one of {self._every} values and both sides of each jump; the CSV "
-                "file that --output writes has all"
+                f"the table has one of {self._every} values and both sides of each jump; "
+                "data() and its CSV file have all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's stores begin at each value with the charges of its netlist")
@@ -234,17 +235,22 @@ class Bifurcation(ResultBase):
         best = int(np.nanargmax(branch.mean_power))
         power, error = branch.mean_power[best], branch.errors["mean_power"][best]
         most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
-        where = f"{self.key} = {self.values[best]:.6g}"
+        where = self._named(self.values[best])
         return [f"{branch.direction}: most power, {most}, at {where} ({branch.motion[best]})"]
+
+    def _named(self, *values):
+        """The key and some of its values, with their unit."""
+        words = (value_words(self.key, float(value), self.scene.units) for value in values)
+        return f"{self.key} = {', '.join(words)}"
 
     def _of_chaos(self, branch):
         """Sentence on values at which a mean without a period has no error bar."""
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
-        where = ", ".join(f"{value:.6g}" for value in self.values[missing])
         return [
-            f"{branch.direction}: no error bar at {self.key} = {where}: the power changes more "
-            f"slowly than {SAMPLES} periods show; harvester basins there averages over many starts"
-        ] * bool(where)
+            f"{branch.direction}: no error bar at {self._named(*self.values[missing])}: the power "
+            f"changes more slowly than {SAMPLES} periods show; `basins` there averages over many "
+            "starts"
+        ] * bool(missing.any())
 
     def _dataset(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units.
@@ -268,7 +274,7 @@ class Bifurcation(ResultBase):
 
 
 def climb(
-    scene: Scene,
+    prepared_scene: Prepared,
     key: str,
     values: list,
     engine: str,
@@ -304,12 +310,11 @@ def climb(
         report((number + share) / len(values))
 
     for number, value in enumerate(values):
-        driven = forced(scene.replace({key: value}), "bifurcation")
-        ready = prepared(driven)
-        power, length = ready.scales.of("power"), ready.scales.of("displacement")
+        driven = forced(prepared_scene.scene.replace({key: value}), "bifurcation")
+        power, length = driven.scales.of("power"), driven.scales.of("displacement")
         # Displacement, velocity and the transducer's state of one scaled unit.
-        units = np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
-        begin = start_state(prepared(scene), 0) if start is None else np.array(start) / units
+        units = np.array([length, length, driven.scene.transducer.state_unit(driven.setting)])
+        begin = start_state(prepared_scene, 0) if start is None else np.array(start) / units
         try:
             for times in (1, longer):
                 samples = follow(
@@ -318,14 +323,14 @@ def climb(
                 )[0]  # fmt: skip
                 if times == longer or motion_of(driven, samples)[1] != NO_PERIOD:
                     break
-                if driven.load.is_resistor:
+                if driven.scene.load.is_resistor:
                     begin = samples[-1, :STATE]
         except SimulationError as error:
             failures[str(number)] = str(error)
             samples = np.full((SAMPLES + 1, STATE + 3), np.nan)
         if np.isfinite(samples).all():
             start = (samples[-1, :STATE] * units).tolist()
-        scales = [*units, power, ready.scales.of("voltage") ** 2, length**2]
+        scales = [*units, power, driven.scales.of("voltage") ** 2, length**2]
         rows.append(samples * scales)
     return {"rows": np.array(rows), "end": start, "failures": failures}
 
@@ -378,15 +383,15 @@ def _branch(scenes, engine, direction, samples):
     """One direction, from samples in the scenes' units."""
     periods, motions = np.zeros(len(samples), dtype=int), []
     values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
-    for k, scene in enumerate(scenes):
+    for k, driven in enumerate(scenes):
         # Each section is compared with its own size: one motion may be a hundredth of another's.
-        period, motion = motion_of(scene, samples[k])
+        period, motion = motion_of(driven, samples[k])
         motions.append(motion)
         if motion not in UNSTEADY:
-            ready, seconds = prepared(scene), float(scene.excitation.period)
-            steps, memory = step_error(ready, engine.step, engine.name), memory_of(ready)
-            per_square = ready.scales.of("power") / ready.scales.of("voltage") ** 2
-            reactive = susceptance(ready) * per_square
+            seconds = float(driven.scene.excitation.period)
+            steps, memory = step_error(driven, engine.step, engine.name), memory_of(driven)
+            per_square = driven.scales.of("power") / driven.scales.of("voltage") ** 2
+            reactive = susceptance(driven) * per_square
             values[k] = means_of(samples[k : k + 1], seconds, steps, memory, reactive)
             periods[k] = period
     means, errors = values.transpose(1, 2, 0)
@@ -457,8 +462,8 @@ def _draw(result):
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)
 
 
-def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
-    """The scene at each value, checked before anything runs."""
+def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Prepared]:
+    """The prepared scene at each value, checked before anything runs."""
     table = key.partition(".")[0]
     if table in UNUSED_TABLES:
         raise HarvesterError(

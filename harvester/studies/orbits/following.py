@@ -29,7 +29,7 @@ from harvester.results.orbit import (
     share_error,
 )
 from harvester.scene.model import Scene
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared
 from harvester.scene.steps import step_error, susceptance
 from harvester.statistics.attractors import (
     CONVERGED,
@@ -109,10 +109,10 @@ class Orbit:
         return with_error(Estimate(getattr(self, name), self.errors[name], None, unit), unit)
 
 
-def periods_of(scene: Scene) -> int:
+def periods_of(driven: Prepared) -> int:
     """Forcing periods in which the device and its load forget where they began."""
-    transient = transient_time(prepared(scene), SETTLED_SHARE)
-    periods = transient / float(scene.excitation.period or 1.0)
+    transient = transient_time(driven, SETTLED_SHARE)
+    periods = transient / float(driven.scene.excitation.period or 1.0)
     return int(min(max(periods, FEWEST_PERIODS), MOST_PERIODS)) + 1
 
 
@@ -125,7 +125,7 @@ def check_periods(periods: int | None, fewest: int) -> None:
 
 
 def following(
-    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
+    driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, Any]:
     """A plan for `Runner.follow`: all starts to where they settle.
 
@@ -137,12 +137,12 @@ def following(
     ndarray, shape (starts, SAMPLES + 1, columns)
         NaN for starts that time was too short for.
     """
-    first = _first_periods(scene, periods)
+    first = _first_periods(driven, periods)
     sample_count = min(SAMPLES, first - 1)
-    samples = yield from _pieces(scene, engine, version, starts, first, sample_count)
+    samples = yield from _pieces(driven.scene, engine, version, starts, first, sample_count)
     if periods is not None or np.isnan(samples).any():
         return samples
-    plan = _Onwards(scene, engine, version, starts, samples, first)
+    plan = _Onwards(driven.scene, engine, version, starts, samples, first)
     yield from plan.follow(_wandering(samples), 1, LONGER)
     for group in _groups(samples):
         if group.period is None:
@@ -154,8 +154,8 @@ def following(
     return samples
 
 
-def _first_periods(scene, periods):
-    return periods or max(periods_of(scene), SAMPLES + 1)
+def _first_periods(driven, periods):
+    return periods or max(periods_of(driven), SAMPLES + 1)
 
 
 def _wandering(samples):
@@ -216,14 +216,14 @@ def _pieces(scene, engine, version, starts, periods, kept):
 
 
 def orbits_of(
-    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
+    driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
     """A plan for `Runner.follow`: the orbits that starts settle on with their powers, followed by
     the kinds of the other starts, and each start's index in these (−1: not followed)."""
-    samples = yield from following(scene, engine, version, starts, periods)
+    samples = yield from following(driven, engine, version, starts, periods)
     groups = _groups(samples)
-    motions = yield from _cycles(scene, engine, version, starts, samples, groups, periods)
-    unsettled = _unsettled(scene)
+    motions = yield from _cycles(driven, engine, version, starts, samples, groups, periods)
+    unsettled, scene = _unsettled(driven), driven.scene
     for group in groups:
         if group.period is None:
             near, scale = neighbours(scene, samples, starts, group.members)
@@ -234,18 +234,18 @@ def orbits_of(
             if exponent is not None and exponent.chaotic and unsettled != CHARGING:
                 motions.append((group.members, samples[group.members], group.points, exponent))
     motions.sort(key=lambda each: (-each[0].size, each[0].min()))
-    which, orbits, ready = np.full(len(starts), -1), [], prepared(scene)
+    which, orbits = np.full(len(starts), -1), []
     followed, ended = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
     escaped, diverged = ended & (samples[:, -1, 0] > 0.0), ended & (samples[:, -1, 0] < 0.0)
-    count, steps = int(followed.sum()), step_error(ready, engine.step, engine.name)
-    seconds, memory = float(scene.excitation.period or 1.0), memory_of(ready)
-    units = np.array([ready.scales.of(dimension) for dimension in QUANTITIES.values()])
-    size = np.array([ready.scales.of("displacement"), ready.scales.of("velocity")])
+    count, steps = int(followed.sum()), step_error(driven, engine.step, engine.name)
+    seconds, memory = float(scene.excitation.period or 1.0), memory_of(driven)
+    units = np.array([driven.scales.of(dimension) for dimension in QUANTITIES.values()])
+    size = np.array([driven.scales.of("displacement"), driven.scales.of("velocity")])
     for number, (members, orbit_samples, points, exponent) in enumerate(motions):
         which[members] = number
         period = None if exponent else len(points)
         kind = f"period {period}" if period else "chaotic"
-        values = means_of(orbit_samples, seconds, steps, memory, susceptance(ready)) * units
+        values = means_of(orbit_samples, seconds, steps, memory, susceptance(driven)) * units
         section = points[:, :2] * size
         name = orbit_name(number)
         orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
@@ -260,7 +260,7 @@ def orbits_of(
     return orbits, which
 
 
-def _cycles(scene, engine, version, starts, samples, groups, periods):
+def _cycles(driven, engine, version, starts, samples, groups, periods):
     """Periodic motions: the members of each, its best start's samples and its section.
 
     The best start of each group goes on until it has converged; groups whose best starts come to
@@ -268,47 +268,48 @@ def _cycles(scene, engine, version, starts, samples, groups, periods):
     """
     members = [group.members for group in groups if group.period]
     best = np.array(
-        [indices[np.argmin(_remains(scene, samples[indices]))] for indices in members], dtype=int
+        [indices[np.argmin(_remains(driven, samples[indices]))] for indices in members], dtype=int
     )
-    first = _first_periods(scene, periods)
-    plan = _Onwards(scene, engine, version, starts[best], samples[best], first)
+    first = _first_periods(driven, periods)
+    plan = _Onwards(driven.scene, engine, version, starts[best], samples[best], first)
     for k in range(1, ROUNDS) if periods is None else ():
-        again = np.flatnonzero(_remains(scene, plan.samples) > CONVERGED)
+        again = np.flatnonzero(_remains(driven, plan.samples) > CONVERGED)
         yield from plan.follow(again, LONGER**k, LONGER ** (k + 1))
-    remains, motions = _remains(scene, plan.samples), []
+    remains, motions = _remains(driven, plan.samples), []
     (settled,) = np.nonzero(remains <= NEARLY_CONVERGED)
     for group in groups_of(plan.samples[settled][:, :, :STATE]) if settled.size else []:
         same = settled[group.members]
         best_samples = plan.samples[same[[np.argmin(remains[same])]]]
-        period = motion_of(scene, best_samples[0])[0]
+        period = motion_of(driven, best_samples[0])[0]
         together = np.concatenate([members[k] for k in same])
         motions.append((together, best_samples, best_samples[0, -period:], None))
     return motions
 
 
-def _remains(scene, samples):
+def _remains(driven, samples):
     """Remaining transient of each start, see `transients`."""
-    return transients(samples[:, :, :STATE], memory_of(prepared(scene)))[2]
+    return transients(samples[:, :, :STATE], memory_of(driven))[2]
 
 
-def _unsettled(scene):
+def _unsettled(driven):
     """Why starts have not converged: a store of the load may be slower than they are followed."""
-    stores = scene.load.circuit and scene.load.circuit.stores
-    periods = transient_time(prepared(scene), SETTLED_SHARE) / float(scene.excitation.period)
+    load, period = driven.scene.load.circuit, float(driven.scene.excitation.period)
+    stores = load and load.stores
+    periods = transient_time(driven, SETTLED_SHARE) / period
     return CHARGING if stores and periods > MOST_PERIODS else NOT_SETTLED
 
 
-def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
+def motion_of(driven: Prepared, samples: np.ndarray) -> tuple[int, str]:
     """Period and kind of the motion of one start, from its samples, shape (samples, columns)."""
     if np.isinf(samples).any():
         return 0, ESCAPES if samples[-1, 0] > 0.0 else DIVERGES
     if np.isnan(samples).any():
         return 0, NOT_SETTLED
-    memory = memory_of(prepared(scene))
+    memory = memory_of(driven)
     (period,), _, (remains,) = transients(samples[None, :, :STATE], memory)
     if period and remains <= NEARLY_CONVERGED:
         return int(period), f"period {period}"
-    unsettled = _unsettled(scene)
+    unsettled = _unsettled(driven)
     return 0, unsettled if period or unsettled == CHARGING else NO_PERIOD
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.base.arguments import key_and_values, listed
+from harvester.base.arguments import key_and_values
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import (
     Count,
@@ -84,7 +84,6 @@ def basins(
 
     from harvester.engines.following import forced
     from harvester.engines.opening import open_runner
-    from harvester.scene.prepared import prepared
     from harvester.studies.orbits import basins as work
     from harvester.studies.orbits.following import SAMPLES, check_periods, orbits_of, periods_of
 
@@ -92,14 +91,14 @@ def basins(
     engine = engine_of(method, step=step)
     engine.check(scene)
     check_periods(periods, 2)
-    forced_scene = forced(scene, "basins")
-    x, v = work.axes_of_starts(forced_scene, displacement, velocity, points)
-    scales = prepared(forced_scene).scales
+    driven = forced(scene, "basins")
+    x, v = work.axes_of_starts(driven, displacement, velocity, points)
+    scales = driven.scales
     starts = np.zeros((v.size, x.size, 3))
     starts[:, :, 0], starts[:, :, 1] = x / scales.displacement, v[:, None] / scales.of("velocity")
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        plan = orbits_of(forced_scene, engine, version, starts.reshape(-1, 3), periods)
+        plan = orbits_of(driven, engine, version, starts.reshape(-1, 3), periods)
         ((orbits, which),) = runner.follow([plan])
     return work.Basins(
         scene=scene,
@@ -109,7 +108,7 @@ def basins(
         velocities=v,
         orbit=which.reshape(v.size, x.size),
         orbits=orbits,
-        periods=periods or max(periods_of(forced_scene), SAMPLES + 1),
+        periods=periods or max(periods_of(driven), SAMPLES + 1),
         seconds=time.perf_counter() - clock,
     )
 
@@ -177,10 +176,7 @@ def bifurcation(
     engine.check(scene)
     check_periods(periods, 1)
     key, values = key_and_values(over, values)
-    try:
-        rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
-    except (TypeError, ValueError):
-        rising = np.zeros(0)
+    rising = np.unique(values)
     if rising.size < 2:
         raise HarvesterError("--values: must be two different numbers or more")
     scenes = work.scenes_over(scene, key, rising)
@@ -254,6 +250,7 @@ def residence(
             --precision 0.05
     """
     from harvester.engines.opening import open_runner
+    from harvester.scene.prepared import prepared
     from harvester.studies.orbits import residence as work
 
     clock = time.perf_counter()
@@ -263,16 +260,16 @@ def residence(
     places: list[Any] = [None]
     if over is not None or values is not None:
         key, values = key_and_values(over or "", values)
-        places = [float(number) for number in listed(values, "values", "[0.1, 0.2]")]
-    scenes = [scene if key is None else scene.replace({key: number}) for number in places]
-    for scene_at_value in scenes:
-        work.require_wells(scene_at_value)
+        places = [*values]
+    scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in places]
+    for prepared_scene in scenes:
+        work.require_wells(prepared_scene)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         outcomes: list[Any] = runner.follow(
             [
-                work.staying(scene_at_value, value, engine, version, precision)
-                for scene_at_value, value in zip(scenes, places, strict=True)
+                work.staying(prepared_scene, value, engine, version, precision)
+                for prepared_scene, value in zip(scenes, places, strict=True)
             ]
         )
     return work.Residence(

@@ -32,9 +32,9 @@ from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.result import unit_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.prepared import Prepared, prepared
-from harvester.scene.steps import knot_spacing
-from harvester.scene.tables import key_column, key_label
+from harvester.scene.prepared import Prepared
+from harvester.scene.steps import knot_spacing, spacing_of
+from harvester.scene.tables import key_column, key_label, value_words
 from harvester.statistics.batch_means import RAISED
 from harvester.statistics.estimate import Estimate
 
@@ -129,6 +129,7 @@ class Residence(ResultBase):
             headline=self._headline(),
             pictures=[Picture(_draw, self)] if self.key else [],
             records=self._records,
+            keys=2,
             dataset=self._dataset,
         )
 
@@ -150,11 +151,15 @@ class Residence(ResultBase):
 
     def _headline(self):
         stay = self.stays[0]
-        where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
+        where = "" if stay.value is None else f" at {self.key} = {self._value(stay)}"
         well = quantity(stay.well, unit_of(self.scene, "displacement"))
         mean = with_error(Estimate(stay.time, stay.standard_error, None, "time"), "s")
         time = mean if math.isfinite(stay.time) else f"{_time_text(stay)} s"
         return f"mean residence time {time} in the well at {well}{where}"
+
+    def _value(self, stay):
+        """The value of the key with its unit; empty without a key."""
+        return value_words(self.key, stay.value, self.scene.units) if self.key else ""
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
@@ -176,8 +181,7 @@ class Residence(ResultBase):
         reasons: dict[str, dict[str, None]] = {}
         for stay in self.stays:
             if stay.reason:
-                value = "" if stay.value is None else f"{stay.value:.6g}"
-                reasons.setdefault(stay.reason, {})[value] = None
+                reasons.setdefault(stay.reason, {})[self._value(stay)] = None
         everywhere = len({stay.value for stay in self.stays})
         for reason, values in reasons.items():
             where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
@@ -187,7 +191,7 @@ class Residence(ResultBase):
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
                 f"stays: raise run.duration = {self.scene.run.duration:g}"
-                + (" or run.realizations, or give a --precision" * (self.precision is None))
+                + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
         if missed:
@@ -202,7 +206,7 @@ class Residence(ResultBase):
             lines.append(
                 "white noise ends with the band of its knots: times are about "
                 f"{longer:.1%} to {2.0 * longer:.1%} longer than without that limit; halve "
-                f"excitation.knot_spacing = {knot_spacing(prepared(self.scene)):.3g} to lower this"
+                f"excitation.knot_spacing = {spacing_of(self.scene):.3g} to lower this"
             )
         wrong = dict.fromkeys(stay.outcome for stay in self.stays if stay.outcome != "complete")
         return lines + list(wrong)
@@ -229,7 +233,7 @@ def _time_text(stay):
 
 
 def stays(
-    scene: Scene,
+    prepared_scene: Prepared,
     engine: str,
     indices: list,
     step: str | float,
@@ -243,7 +247,8 @@ def stays(
     dict
         `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
-    realizations = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
+    chosen = engine_of(engine, step=step, **settings or {})
+    realizations = run(prepared_scene, chosen, indices, None, report)
     jumps: Any = [realization.moments.jumps for realization in realizations]
     # The last row holds the time before `run.settle`. A device at rest leaves its well later than
     # one that has long been there: of 250 s after 50 s of settling, with stays of 208 s, the means
@@ -256,10 +261,15 @@ def stays(
 
 
 def staying(
-    scene: Scene, value: float | None, engine: Engine, version: str, precision: float | None
+    prepared_scene: Prepared,
+    value: float | None,
+    engine: Engine,
+    version: str,
+    precision: float | None,
 ) -> Generator[Wanted, list, tuple[list[ResidenceTime], str]]:
     """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
-    count, done = scene.run.realizations, 0
+    scene, done = prepared_scene.scene, 0
+    count = scene.run.realizations
     times, exits, engine_version = [], [], ""
     outcome = "complete"
     # Further realizations run under the unchanged scene, because `run.realizations` sets the
@@ -287,7 +297,7 @@ def staying(
             engine_version = answer["version"]
         if not times:
             break
-        means = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
+        means = stays_of(prepared_scene, value, np.concatenate(times), np.concatenate(exits))
         done, count = count, 2 * count
         errors = [
             stay.standard_error / stay.time if stay.standard_error else math.inf for stay in means
@@ -295,18 +305,17 @@ def staying(
         if precision is None or outcome != "complete" or max(errors) <= precision:
             break
     if not times:
-        wells = timescales.wells(prepared(scene).system)
+        wells = timescales.wells(prepared_scene.system)
         nothing = np.zeros((1, 1, len(wells)))
-        means = stays_of(scene, value, nothing, nothing)
+        means = stays_of(prepared_scene, value, nothing, nothing)
     return [replace(stay, outcome=outcome) for stay in means], engine_version
 
 
 def stays_of(
-    scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray
+    ready: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
 ) -> list[ResidenceTime]:
     """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
     wells)."""
-    ready = prepared(scene)
     system = ready.system
     wells = sorted(timescales.wells(system))
     if len(wells) == 2 and system.symmetric:
@@ -348,9 +357,10 @@ def _longer_by_knots(ready, well):
     return kernel_loss(knot_spacing(ready), omega) * temperatures
 
 
-def require_wells(scene: Scene) -> None:
+def require_wells(prepared_scene: Prepared) -> None:
     """Refuse a device or an excitation without residence times."""
-    if len(timescales.wells(prepared(scene).system)) < 2:
+    scene = prepared_scene.scene
+    if len(timescales.wells(prepared_scene.system)) < 2:
         raise HarvesterError(
             f"{scene.name}: the device has one well: residence times need several, as a "
             "negative oscillator.linear_stiffness makes them"

@@ -199,7 +199,7 @@ class Sensitivity(ResultBase):
         if self.indices.first is None:
             return [
                 "the parameters' part of the scatter is not above the runs' noise: no indices; "
-                "lower --precision, or raise run.duration, run.realizations or --rows"
+                "ask for a finer precision, or raise run.duration, run.realizations or rows"
             ]
         noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
         share = noise / (noise + of_parameters)
@@ -296,7 +296,7 @@ def study_of(
         scene=scene,
         tolerances=tolerances,
         quantity=quantity,
-        unit=unit_of(scene, nominal.quantities[quantity].dimension),
+        unit=unit_of(scene, nominal.in_units()[quantity].dimension),
         method=method.name,
         nominal=nominal.in_units()[quantity],
         indices=sobol_indices,
@@ -322,7 +322,7 @@ def _check_rows(kept, failures, out_of_time):
         )
     raise OutOfTime(
         f"the time budget was spent after {kept.sum()} of {kept.size} rows, and indices need "
-        f"{FEWEST_ROWS}; run again with the same --output to continue"
+        f"{FEWEST_ROWS}; run again with the same output to go on"
     )
 
 
@@ -335,7 +335,8 @@ def _told(kept, failures, out_of_time):
         )
     if out_of_time:
         lines.append(
-            f"out of time: {kept.sum()} of {kept.size} rows; repeat it with --output to continue"
+            f"out of time: {kept.sum()} of {kept.size} rows; with a folder (output) the same "
+            "command goes on"
         )
     return tuple(lines)
 

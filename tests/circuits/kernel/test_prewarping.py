@@ -59,7 +59,7 @@ def power_of(scene):
 def mean_power(scene, engine):
     from harvester.scene.prepared import prepared
 
-    [found] = run(scene, engine_of(engine), [0], None, lambda moments: None)
+    [found] = run(prepared(scene), engine_of(engine), [0], None, lambda moments: None)
     return run_estimates(prepared(scene), [found.moments]).scaled["mean_power"].estimate * prepared(
         scene
     ).scales.of("power")

@@ -9,6 +9,7 @@ from harvester.engines.methods import Circuit
 from harvester.engines.realization import run as realization_run
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 SHORT = ["run.duration=0.5", "run.settle=0.1", "run.realizations=1", "load.subcircuit=load"]
 # The piezo's terminals are the output: all that leaves the piezo is used there.
@@ -165,7 +166,12 @@ def test_every_copy_of_the_device_has_its_own_output(pool, tmp_path):
     path = tmp_path / "load.lib"
     path.write_text(DIRECT.format(before="", body="R1 out ref 300k\nC1 out ref 10n"))
     scene = Scene.read("device", [*SHORT[:2], "run.realizations=2", f"load.netlist={path}"])
-    call = {"scene": scene, "engine": Circuit(), "indices": [0, 1], "window": None}
+    call = {
+        "prepared_scene": prepared(scene),
+        "engine": Circuit(),
+        "indices": [0, 1],
+        "window": None,
+    }
     both = pool.map(realization_run, [call])[0]
     assert np.isfinite([each.moments.output.conductance for each in both]).all()
     first, second = (each.moments.output.conductance for each in both)

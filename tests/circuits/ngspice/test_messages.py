@@ -10,6 +10,7 @@ from harvester.base.worker_process import Worker
 from harvester.engines.methods import Circuit
 from harvester.engines.realization import run as realization_run
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.scene.source import BUILT_IN
 
 BODY = """.subckt load p n out ref
@@ -27,7 +28,9 @@ SHORT = ["run.duration=0.2", "run.settle=0", "run.realizations=1"]
 def run():
     """Run a scene's first realization, in a process that outlives a failed one."""
     one = Worker()
-    yield lambda scene: one.call(realization_run, {"scene": scene, "window": None, **RUN})
+    yield lambda scene: one.call(
+        realization_run, {"prepared_scene": prepared(scene), "window": None, **RUN}
+    )
     one.close()
 
 

@@ -86,8 +86,8 @@ def test_white_noise_power(changes, excess, tolerance, closure):
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_numerical_error_covers_a_finer_grid(closure, monkeypatch):
     result = averaged(PAPER, closure)
-    monkeypatch.setattr("harvester.averaging.closures.LEVELS", 900)
-    monkeypatch.setattr("harvester.averaging.closures.NODES", 48)
+    monkeypatch.setattr("harvester.averaging.over_orbits.LEVELS", 900)
+    monkeypatch.setattr("harvester.averaging.over_orbits.NODES", 48)
     finer = averaged(PAPER, closure)
     for name in MEANS:
         error = result.numerical_error[name]

@@ -7,6 +7,7 @@ from harvester.averaging.closures import average
 from harvester.averaging.of_scene import averaged_device
 from harvester.base.errors import AveragingError
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 
 @pytest.mark.slow
@@ -30,7 +31,7 @@ def test_refused_with_a_fifth_of_the_work_at_most(overrides, words, monkeypatch)
     taken = solution.StationaryProblem.take
     monkeypatch.setattr(solution.StationaryProblem, "take", counted)
     with pytest.raises(AveragingError, match=words) as caught:
-        average(averaged_device(scene))
+        average(averaged_device(prepared(scene)))
     assert sum(work) < 0.2 * solution.MOST_WORK
     assert "\n" not in str(caught.value)
 
@@ -47,6 +48,6 @@ def test_paths_are_sampled_before_all_are_followed(monkeypatch):
     monkeypatch.setattr(flow, "_ends", noted)
     monkeypatch.setattr(flow, "MOST_OF_ALL_PATHS", 100.0)
     with pytest.raises(AveragingError, match="so stiff"):
-        average(averaged_device(Scene.read("paper")))
+        average(averaged_device(prepared(Scene.read("paper"))))
     assert len(followed) == 1
     assert followed[0] < 200

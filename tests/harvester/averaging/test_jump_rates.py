@@ -94,7 +94,8 @@ def test_the_slowest_decay_rate_on_a_grid(monkeypatch, change):
         return dict(on_grids)
 
     monkeypatch.setattr("harvester.averaging.fokker_planck.slowest_decay_rate", kept)
-    average(averaged_device(Scene.read("paper").replace(change)), tolerance=0.1, memory=True)
+    device = averaged_device(prepared(Scene.read("paper").replace(change)))
+    average(device, tolerance=0.1, memory=True)
     grid = max(on_grids, key=lambda each: each.grid.shape[1])
     propagator = Propagator(grid.task.device, grid.grid).odd()
     operator = LinearOperator(

@@ -12,6 +12,7 @@ from harvester.averaging.of_scene import averaged_device
 from harvester.averaging.voltage_density import density_of_charge
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -35,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
     ],
 )
 def test_mass_and_mean_square(name, overrides):
-    answer = average(averaged_device(Scene.read(name, overrides)))
+    answer = average(averaged_device(prepared(Scene.read(name, overrides))))
     voltage, density = answer.density.tabulated("voltage")
     assert density.min() >= 0.0
     assert np.trapezoid(density, voltage) == pytest.approx(1.0, abs=1e-3)
@@ -47,7 +48,7 @@ def test_mass_and_mean_square(name, overrides):
 @pytest.mark.parametrize("rate", [1e-3, 0.05, 2.0])
 def test_normal_voltage_of_a_linear_device(rate):
     """All is linear and driven by normal noise: so is V, whatever way its density is found."""
-    answer = average(averaged_device(Scene.read("linear", [f"load.decay_rate={rate}"])))
+    answer = average(averaged_device(prepared(Scene.read("linear", [f"load.decay_rate={rate}"]))))
     voltage, density = answer.density.tabulated("voltage")
     variance = answer.mean_square_voltage
     normal = np.exp(-0.5 * voltage**2 / variance) / np.sqrt(2.0 * np.pi * variance)

@@ -38,7 +38,7 @@ def test_swept_values_come_in_any_form(values):
         ({"workers": -1}, "workers -1"),
         ({"time_limit": float("nan")}, "time_limit nan"),
         ({"time_budget": "soon"}, "time_budget 'soon'"),
-        ({"executor": 4}, "executor = 4: has no method submit"),
+        ({"executor": 4}, "executor = 4: give a concurrent.futures.Executor"),
         ({"progress": "bar"}, "progress = 'bar': must be a function"),
     ],
 )
@@ -52,7 +52,10 @@ def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):
     ("call", "words"),
     [
         (lambda: harvester.frequency_response("linear", "12", amplitude=1.0), "frequencies = '12'"),
-        (lambda: harvester.frequency_response("linear", ["x"], amplitude=1.0), "frequencies: must"),
+        (
+            lambda: harvester.frequency_response("linear", ["x"], amplitude=1.0),
+            "frequencies: 'x': must",
+        ),
         (lambda: harvester.sensitivity("linear", "load"), "vary = 'load': must be a dictionary"),
         (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is no text; write"),
         (lambda: harvester.optimum("paper", [KEY]), "over = .* must be a dictionary"),

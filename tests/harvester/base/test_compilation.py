@@ -5,7 +5,9 @@ import sys
 
 import pytest
 
-from harvester.base.compilation import PACKAGE, compiled_sources
+from harvester.base.compilation import numba
+from harvester.base.numba_cache import modules_of, sources
+from harvester.base.surroundings import PACKAGE
 
 
 @pytest.mark.slow
@@ -42,18 +44,34 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
 
 def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():
     """Classes that are arguments of compiled code count, and constants from elsewhere."""
-    sources = {file.relative_to(PACKAGE.parent).as_posix() for file in compiled_sources()}
-    made_of = {
-        "device/coil",
-        "device/hertz",
-        "engines/monte_carlo/lockstep",
-        "statistics/moments",
-        "scene/units",
-    }
-    assert {f"harvester/{name}.py" for name in made_of} <= sources
-    assert "circuits/kernel/stepping.py" in sources
-    others = ("cli", "studies", "identification", "interop", "validation", "results")
-    assert not [name for name in sources if name.split("/")[1] in others]
+    from harvester.engines.monte_carlo import lockstep
+    from harvester.scene.model import Scene
+    from harvester.scene.prepared import prepared
+
+    system = numba.typeof(prepared(Scene.read("device")).system)
+    of_arguments = set(modules_of((system,)))
+    assert {f"harvester.device.{name}" for name in ("system", "piezo", "damper")} <= of_arguments
+    stepped = sources({lockstep.__name__})
+    assert {"harvester.device.hertz", "harvester.scene.units"} <= stepped.keys()
+    assert "harvester.device.piezo" not in stepped
+    rooms = {name.split(".")[1] for name in stepped if "." in name}
+    assert not rooms & {"cli", "studies", "identification", "interop", "validation", "results"}
+
+
+def test_the_command_line_needs_no_numba():
+    """A command that leaves the computing to workers, or computes nothing, starts sooner."""
+    code = (
+        "import sys, harvester\n"
+        "from harvester.engines.methods import MonteCarlo\n"
+        "from harvester.engines import outcome, runner, spread\n"
+        "MonteCarlo().check(harvester.Scene.read('paper'))\n"
+        "print([name for name in ('numba', 'scipy') if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", code]
+    shown = subprocess.run(
+        command, env={"PYTHONPATH": str(PACKAGE.parent)}, capture_output=True, check=True
+    )
+    assert shown.stdout == b"[]\n"
 
 
 ALL_ENGINES = """
@@ -73,11 +91,12 @@ from harvester import average
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):
     scene = Scene.read(name).replace(brief | load)
     for engine in ("circuit", "monte-carlo"):
-        run(scene, engine_of(engine), [0], None, lambda *_: None)
+        run(prepared(scene), engine_of(engine), [0], None, lambda *_: None)
 average("linear")
 print(compiled)
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harvester.base import numba_cache, numba_patches
+from harvester.base import compilation, numba_cache, numba_patches
 from harvester.base.compilation import numba
 
 
@@ -31,8 +31,8 @@ def test_the_patches_are_in_place():
 
 @pytest.mark.parametrize("option", ["UNCOUNTED", "INLINE", "WITHIN"])
 def test_numba_has_each_option_and_refuses_one_that_it_has_not(option):
-    (name,) = getattr(numba_patches, option)
-    assert numba.njit(**getattr(numba_patches, option))(lambda x: -x)(-1.0) == 1.0
+    (name,) = getattr(compilation, option)
+    assert numba.njit(**getattr(compilation, option))(lambda x: -x)(-1.0) == 1.0
     with pytest.raises(KeyError, match=f"no_such_{name}"):
         numba.njit(**{f"no_such_{name}": True})(lambda x: -x)(-1.0)
 

@@ -114,9 +114,9 @@ def test_schematics_and_studies_take_names(tmp_path):
 
 def test_figures_believe_no_matplotlibrc(tmp_path, monkeypatch):
     result = average(Scene.read("linear"), method="paper")
-    plain = figures.picture(draw_result, result, "png")
+    plain = figures.image(figures.drawn(draw_result, result), "png")
     import matplotlib
 
     with matplotlib.rc_context({"font.size": 40, "text.usetex": True}):
-        assert figures.picture(draw_result, result, "png") == plain
+        assert figures.image(figures.drawn(draw_result, result), "png") == plain
         assert schematic(result.scene).image(".png")

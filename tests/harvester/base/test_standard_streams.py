@@ -74,7 +74,8 @@ def test_an_ascii_terminal_is_written_in_ascii(tmp_path):
     assert ended.returncode == 0
     assert ended.stdout.isascii()
     assert b"+- " in ended.stdout
-    assert ended.stderr == b""
+    # On a busy machine progress is written here.
+    assert ended.stderr.isascii()
 
 
 def test_data_on_standard_output_are_the_bytes_of_a_file(tmp_path):

@@ -14,7 +14,7 @@ from harvester import Scene, average
 from harvester.results.drawing import draw_result
 from harvester.results import figures
 result = average(Scene.read("linear"), method="consistent")
-print(hashlib.sha256(figures.picture(draw_result, result, format="png")).hexdigest())
+print(hashlib.sha256(figures.image(figures.drawn(draw_result, result), "png")).hexdigest())
 """
 
 
@@ -57,7 +57,7 @@ def test_a_figure_is_not_the_users_settings(monkeypatch):
     result = average(Scene.read("linear"), method="consistent")
 
     def picture():
-        drawn = figures.picture(draw_result, result, format="png")
+        drawn = figures.image(figures.drawn(draw_result, result), "png")
         return hashlib.sha256(drawn).hexdigest()
 
     plain = picture()

@@ -136,7 +136,7 @@ def test_a_worker_keeps_what_says_where_things_are(monkeypatch, tmp_path):
 
 def test_a_worker_leaves_no_folder_behind(own_worker, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    own_worker._start()
+    own_worker.start()
     assert list(tmp_path.glob("harvester-*"))
     own_worker.kill()
     assert not list(tmp_path.iterdir())

@@ -6,7 +6,7 @@ from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo.engine import run_realizations
+from harvester.engines.methods import MonteCarlo
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, stop_time
@@ -23,7 +23,7 @@ def states_of(scene, step):
     keep = Keep()
     ready = prepared(scene)
     paths, starts = [noise_path(ready, 0)], [start_state(ready, 0)]
-    run_realizations(prepared(scene), paths, starts, [[keep]], step)
+    MonteCarlo(step).run_realizations(prepared(scene), paths, starts, [[keep]])
     return keep.at_knots(knot_spacing(ready))
 
 

@@ -10,6 +10,7 @@ from harvester import Circuit, MonteCarlo, Scene, Stationary
 from harvester.base.errors import HarvesterError
 from harvester.engines.methods import ENGINES, engine_of, method_of
 from harvester.engines.realizations import Realizations
+from harvester.scene.prepared import prepared
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -49,6 +50,25 @@ def test_an_object_gives_the_numbers_of_its_name_with_options(pool, scene, metho
     assert power(by_object) == power(by_name)
     assert by_object.engine == by_name.engine == name
     assert by_object.step == by_name.step
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: harvester.simulate("paper", method="fokker_planck"), "is for average, sweep"),
+        (lambda: harvester.average("paper", method="circuit"), "engines are for `simulate`"),
+        (
+            lambda: harvester.average("paper", method=None),
+            "method None: must be a name",
+        ),
+        (lambda: MonteCarlo(steps=3), "MonteCarlo: no option steps .did you mean step"),
+        (lambda: Stationary(1, 2, 3, 4, 5), "has 4 settings"),
+    ],
+)
+def test_a_wrong_method_leads_to_the_right_one(call, words):
+    with pytest.raises(harvester.HarvesterError, match=words) as raised:
+        call()
+    assert "\n" not in str(raised.value)
 
 
 def test_a_closure_as_an_object_is_averaged(scene):
@@ -125,7 +145,7 @@ def test_studies_pass_the_object_on(pool, scene):
 
 def test_a_task_is_named_by_settings_only_where_they_differ(scene):
     def arguments(method):
-        return Realizations.of(scene, method).tasks(0, 1)[0].arguments
+        return Realizations.of(prepared(scene), method).tasks(0, 1)[0].arguments
 
     assert "settings" not in arguments(MonteCarlo(step="fine"))
     assert arguments(MonteCarlo(step="fine"))["step"] == "fine"

@@ -142,7 +142,7 @@ def test_mistakes_are_named(options, said):
 
 @pytest.mark.parametrize("precision", [1e-300, 5e-324])
 def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
-    cut = Realizations.of(LINEAR, MonteCarlo())
+    cut = Realizations.of(prepared(LINEAR), MonteCarlo())
 
     def counts(most):
         plan = in_rounds(cut, 64, most, precision, lambda good, ended: (len(good), 0.1))

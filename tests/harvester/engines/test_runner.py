@@ -214,9 +214,15 @@ def test_reports_go_back_to_where_they_went_before_a_block():
         return "nothing to compute"
         yield
 
-    reports = {"before": [], "within": []}
-    runner = Runner(None, progress=lambda share, words: reports["before"].append(share))
-    with runner.reporting_to(lambda share, words: reports["within"].append(share)):
+    reports = []
+    runner = Runner(None, progress=lambda share, words: reports.append((share, words)))
+    with runner.in_stages() as stages:
+        stages.begin(0.0, 0.8, "points")
+        runner.follow([plan()])
+        stages.begin(0.8, 1.0, "cross-check")
         runner.follow([plan()])
     runner.follow([plan()])
-    assert reports == {"before": [1.0], "within": [1.0]}
+    shares = [share for share, _ in reports]
+    assert shares == sorted(shares)
+    assert {0.0, 0.8, 1.0} == {*shares}
+    assert reports[-2:] == [(1.0, "cross-check"), (1.0, "1 of 1")]

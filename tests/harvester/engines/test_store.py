@@ -48,7 +48,7 @@ def bridge():
 @pytest.fixture(scope="module")
 def task(bridge):
     """The first two realizations, of which a circuit with a bridge takes one at a time."""
-    cut = Realizations.of(bridge, Circuit(), waveform=True)
+    cut = Realizations.of(prepared(bridge), Circuit(), waveform=True)
     return dataclasses.replace(cut, size=2).tasks(0, 2)[0]
 
 
@@ -310,7 +310,7 @@ def test_a_closure_that_refuses_says_so():
 
 def test_the_key_follows_all_that_decides_the_numbers(bridge):
     def key(scene=bridge, method="circuit", start=0, step="default", version="1", **kept):
-        cut = Realizations(scene, engine_of(method, step=step), 1, version, **kept)
+        cut = Realizations(prepared(scene), engine_of(method, step=step), 1, version, **kept)
         return cut.tasks(start, start + 1)[0].key
 
     others = [
@@ -330,7 +330,7 @@ def test_the_key_follows_all_that_decides_the_numbers(bridge):
 def test_the_key_does_not_follow_how_many_are_wanted(bridge):
     def keys(realizations):
         scene = bridge.replace({"run.realizations": realizations})
-        return [task.key for task in Realizations.of(scene, MonteCarlo()).tasks(0, 16)]
+        return [task.key for task in Realizations.of(prepared(scene), MonteCarlo()).tasks(0, 16)]
 
     assert keys(80) == keys(64) == keys(1000)
     assert keys(32) != keys(64)  # more batches in each

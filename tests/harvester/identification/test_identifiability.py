@@ -1,6 +1,7 @@
 """What data leave open, of a linear device whose impedances are closed forms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from measured_records import (
     linear_record,
 )
 
-from harvester.identification.identifiability import assumptions, undetermined
-from harvester.identification.identify import identify
+from harvester.identification import fitting, identifiability
+from harvester.identification.identifiability import assumptions, to_keep, undetermined
+from harvester.identification.identify import _determined, identify
 from harvester.identification.unknowns import Unknown
 
 DAMPING, GAIN = 0.03, 1.05
@@ -82,3 +84,43 @@ def test_a_value_that_cannot_be_zero_counts_relative_to_itself():
     (direction,) = undetermined([capacitance, damping], values, np.diag(errors**2))
     assert direction.keys == ("piezo.capacitance",)
     assert str(direction) == "capacitance is not determined"
+
+
+def test_keys_are_left_out_until_the_others_are_determined():
+    """Of a product of three values and a value without effect: three of the four are kept."""
+    names = ["oscillator.damping", "piezo.coupling", "piezo.capacitance", "oscillator.mass"]
+    values = np.array([0.03, 1e-3, 5e-8, 0.01])
+    free = [
+        Unknown(key, value, -np.inf, np.inf, value)
+        for key, value in zip(names, values, strict=True)
+    ]
+    product = np.array([1.0, 1.0, 1.0, 0.0])
+    precision = 1e4 * np.outer(product, product) + np.diag([1e-2, 2e-2, 3e-2, 4e-2])
+    matrix = np.linalg.inv(precision) * np.outer(values, values)
+    model = SimpleNamespace(
+        shooting=SimpleNamespace(unknowns=free), values=values, covariance=matrix
+    )
+    kept = to_keep(model)
+    assert [key for key, _ in kept] == ["piezo.capacitance", "oscillator.damping", names[3]]
+    assert kept[-1][1].keys == (names[3],)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_only_a_model_that_explains_the_records_is_fitted_without_what_they_leave_open(
+    monkeypatch, explained
+):
+    calls = []
+
+    def fit(scene, records, keys, follow):
+        calls.append(keys)
+        return SimpleNamespace(keys=keys, explains=explained)
+
+    monkeypatch.setattr(fitting, "fitted", fit)
+    unclear = [("mass", "mass is not determined")]
+    monkeypatch.setattr(
+        identifiability, "to_keep", lambda model: unclear if "mass" in model.keys else []
+    )
+    model, kept = _determined(None, [], ["mass", "damping"], True, None)
+    assert calls == [["mass", "damping"], ["damping"]][: 1 + explained]
+    assert model.keys == calls[-1]
+    assert kept == unclear * explained

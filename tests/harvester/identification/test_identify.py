@@ -233,8 +233,8 @@ def test_the_result_is_shown_written_and_drawn(found):
     header, rows = found.table()
     assert len(rows) == len(found.keys)
     assert all(len(row) == len(header) for row in rows)
-    page = found.page()
-    assert "95 % intervals" in page
+    page = found.texts()[".html"]
+    assert "95 % interval" in page
     assert "data:image/svg+xml" in page
     figure = found.figure()
     assert len(figure.axes) == 4

@@ -56,7 +56,7 @@ def test_a_linear_device_is_found_from_its_response(parts):
     assert found.standard_errors[keys[0]] < 0.01 * STIFFNESS
     assert found.verdict.good
     if parts == "complex":
-        assert "every third frequency" in found.page()
+        assert "every third frequency" in found.texts()[".html"]
         assert len(found.figure().axes) == 2
 
 
@@ -124,7 +124,7 @@ def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(mo
     content = found.to_dict()["posterior"]
     assert np.array(content["correlations"]).shape == (2, 2)
     assert len(found.table()[0]) == len(found.table()[1][0]) == 6
-    assert "Posterior" in found.page()
+    assert "posterior's 95 %" in found.texts()[".html"]
     monkeypatch.setattr(sampling, "MOST_STEPS", sampling.STEPS)
     once, twice, other = (sampling.posterior(found.fitted, seed).draws for seed in (3, 3, 4))
     assert np.array_equal(once, twice)

@@ -8,6 +8,7 @@ from truths import assert_near, flat, interpolated_linear_means
 
 import harvester
 from harvester.interop.explorer import FEWEST_REALIZATIONS, STEPS_SHOWN, cut_short
+from harvester.scene.prepared import prepared
 
 PNG = b"\x89PNG"
 
@@ -113,7 +114,7 @@ def test_ranges_are_about_the_scenes_own_values():
 @pytest.mark.parametrize("duration", [10.0, 2e3, 1e7])
 def test_a_run_is_cut_to_what_a_picture_has_time_for(duration):
     scene = harvester.Scene.read("paper").replace({"run.duration": duration})
-    short = cut_short(scene)
+    short = cut_short(prepared(scene)).scene
     run = short.run
     # Two of its steps to a knot of 0.05 s or fewer.
     steps = run.realizations * (run.settle + run.duration) / 0.05

@@ -9,13 +9,14 @@ from harvester.base.errors import HarvesterError
 from harvester.interop.block import write_subcircuit
 from harvester.interop.formats import write
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 
 def written(folder, dialect):
     scene = Scene.read("device")
     return {
         path.suffix: path
-        for path in write_subcircuit(scene, folder, dialect, "default", 0, 1e-3, 1.0)
+        for path in write_subcircuit(prepared(scene), folder, dialect, "default", 0, 1e-3, 1.0)
     }
 
 

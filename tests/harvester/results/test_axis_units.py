@@ -8,7 +8,8 @@ import pytest
 import harvester
 from harvester import Scene
 from harvester.device.record import Record
-from harvester.results.excitation_drawing import draw_spectrum, excitation_spectrum
+from harvester.scene.prepared import prepared
+from harvester.studies.comparison.excitation_drawing import draw_spectrum, excitation_spectrum
 from harvester.studies.loads.drawing import (
     EFFICIENCIES,
     draw_efficiency,
@@ -150,7 +151,7 @@ def test_densities():
 
 
 def test_the_spectrum_of_an_excitation():
-    frequency, density = excitation_spectrum(CANTILEVER)
+    frequency, density = excitation_spectrum(prepared(CANTILEVER))
     figure = draw_spectrum(CANTILEVER)
     assert drawn(figure, "acceleration") == pytest.approx(density.max())
     assert drawn(figure, "frequency", "x") <= frequency.max()

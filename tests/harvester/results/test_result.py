@@ -24,11 +24,75 @@ def result(pool):
 
 def test_a_quantity_is_found_by_its_name(result):
     assert result["mean_power"] == result.quantities["mean_power"]
-    assert list(result) == list(result.quantities)
+    assert [name for name in result if name in result.quantities] == list(result.quantities)
     assert "mean_power" in result
     assert "power" not in result
     scaled = result.scaled_quantities["mean_power"].estimate
     assert result["mean_power"].estimate == scaled * prepared(result.scene).scales.power
+
+
+def test_what_the_table_shows_can_be_asked_for(result):
+    square, root = result["mean_square_displacement"], result["rms_displacement"]
+    assert root.estimate == pytest.approx(math.sqrt(square.estimate), rel=1e-12)
+    relative = square.standard_error / square.estimate
+    assert root.standard_error / root.estimate == pytest.approx(0.5 * relative, rel=1e-12)
+    assert root == result["rms displacement"]
+    assert root.unit == "m"
+    shown = [row[0].replace(" (harvested)", "").replace(" ", "_") for row in result.table().rows]
+    assert list(result) == shown
+    assert all(np.isfinite(float(result[name])) for name in ("rms_velocity", "rms_voltage"))
+
+
+def test_an_estimate_is_scaled_and_printed_and_nothing_else(result):
+    power = result["mean_power"]
+    milli = 1e3 * power
+    assert (float(milli), milli.standard_error) == (
+        1e3 * power.estimate,
+        1e3 * power.standard_error,
+    )
+    assert power / 2.0 == power * 0.5
+    assert f"{power:.3g}" == f"{power.estimate:.3g}"
+    assert f"{power}" == repr(power)
+    for refused in (
+        lambda: power - power,
+        lambda: power / power,
+        lambda: 1.0 + power,
+        lambda: power > 0.0,
+        lambda: power * "2",
+    ):
+        with pytest.raises(harvester.HarvesterError, match=r"float\(…\).*standard_error"):
+            refused()
+
+
+def test_densities_are_a_frame_in_the_scenes_units(result):
+    pytest.importorskip("pandas")
+    frame = result.to_dataframe("densities")
+    assert [*frame.columns[:4]] == ["method", "quantity", "centre", "density"]
+    for name in result.densities:
+        part = frame[frame["quantity"] == name]
+        area = np.trapezoid(part["density"], part["centre"])
+        assert area == pytest.approx(1.0, abs=0.01)
+    width = np.ptp(frame[frame["quantity"] == "displacement"]["centre"])
+    assert width == pytest.approx(
+        np.ptp(result.densities["displacement"].centre) * result.scales.displacement
+    )
+    with pytest.raises(harvester.UnknownQuantity, match="no density of x; there are displacement"):
+        result.densities["x"]
+
+
+def test_a_style_that_there_is_not_leads_to_the_one_that_is(result):
+    with pytest.raises(harvester.UnknownOption, match=r"no option color .did you mean colour"):
+        result.draw_density(None, "displacement", color="red")
+
+
+def test_one_file_holds_what_its_ending_says(result, tmp_path):
+    assert harvester.save(result, tmp_path / "one.json") == ["one.json"]
+    assert json.loads((tmp_path / "one.json").read_text())["engine"] == "monte-carlo"
+    with pytest.raises(
+        harvester.HarvesterError, match=r"one\.xlsx: its ending says the kind: \.json"
+    ):
+        harvester.save(result, tmp_path / "one.xlsx")
+    assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
 
 
 def test_a_wrong_name_says_which_is_near(result):

@@ -76,6 +76,30 @@ class Example(ResultBase):
         )
 
 
+def test_a_result_answers_by_the_names_of_its_table():
+    example = Example()
+    assert list(example) == ["mean_power", "resistance", "efficiency"]
+    power = example["mean_power"]["circuit"]
+    assert (power.estimate, power.standard_error, power.effective_sample_size) == (
+        2.0744e-3,
+        5.9e-5,
+        40.0,
+    )
+    assert repr(power) == "2.074 ± 0.059 mW"
+    assert example["mean power"]["theory"].standard_error is None
+    assert example["resistance"] == {"circuit": 1e4, "theory": 2e4}
+    with pytest.raises(
+        harvester.UnknownQuantity, match=r"did you mean mean_power.*; there are mean"
+    ):
+        example["power"]
+    with pytest.raises(
+        harvester.UnknownQuantity, match=r"mean power: no circut .did you mean circuit"
+    ):
+        example["mean_power"]["circut"]
+    with pytest.raises(harvester.UnknownQuantity, match="no table density; there are shown, data"):
+        example.to_dataframe("density")
+
+
 def test_a_table_for_people_has_the_values_with_their_errors_and_units():
     header, rows = Example().data()
     assert header == [

@@ -24,7 +24,7 @@ SHARE = "share_of_time_in_well_1"
 def estimates_at(intensity, **changes):
     scene = Scene.read("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
-    found = run(scene, MonteCarlo(), indices, None, lambda _: None)
+    found = run(prepared(scene), MonteCarlo(), indices, None, lambda _: None)
     return run_estimates(prepared(scene), [each.moments for each in found])
 
 
@@ -185,7 +185,7 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
     }
     length = {"run.settle": 2.0, "run.duration": 8.0, "run.realizations": 4}
     scene = Scene.read("device").replace({"excitation": record, **length})
-    found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
+    found = run(prepared(scene), MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
     estimates = run_estimates(prepared(scene), [each.moments for each in found]).scaled
     assert estimates[SHARE].standard_error is None

@@ -96,7 +96,7 @@ def test_a_resistor_after_two_seconds_is_known_to_its_steps():
             **length,
         }
     )
-    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
+    [found] = run(prepared(scene), MonteCarlo(), [0], None, lambda _: None)
     power = run_estimates(
         prepared(scene), [found.moments], step_error(prepared(scene), engine="monte-carlo")
     ).scaled["mean_power"]
@@ -131,7 +131,7 @@ def test_the_mean_does_not_depend_on_where_a_period_is_cut(duration):
             "run.realizations": 1,
         }
     )
-    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
+    [found] = run(prepared(scene), MonteCarlo(), [0], None, lambda _: None)
     power = run_estimates(prepared(scene), [found.moments]).scaled["mean_power"]
     assert power.estimate == pytest.approx(linear_power(scene), rel=1e-3)
 
@@ -149,7 +149,7 @@ def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
             "run.realizations": 1,
         }
     )
-    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
+    [found] = run(prepared(scene), MonteCarlo(), [0], None, lambda _: None)
     cost = step_error(prepared(scene), engine="monte-carlo")
     power = run_estimates(prepared(scene), [found.moments], cost).scaled["mean_output_power"]
     assert cost * power.estimate <= power.standard_error < 0.01 * power.estimate

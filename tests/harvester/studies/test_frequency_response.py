@@ -12,6 +12,7 @@ from harvester.base.signatures import grid_of
 from harvester.cli.command_line import main
 from harvester.device.record import Record
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.studies.frequency_response import (
     SETTLED_SHARE,
     _integrals,
@@ -192,7 +193,8 @@ def test_it_dwells_until_a_storage_is_charged():
     storing = {"load.netlist": "bridge", "load.parameters.resistance": 1e6}
     dwells = [
         stepped(
-            with_sine(Scene.read("device").replace(storing | {name: size}), 1.0), np.array([12.0])
+            prepared(with_sine(Scene.read("device").replace(storing | {name: size}), 1.0)),
+            np.array([12.0]),
         )
         for name, size in (("load.parameters.storage", 1e-8), ("load.parameters.storage", 1e-5))
     ]

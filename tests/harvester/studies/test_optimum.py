@@ -200,7 +200,8 @@ def searched(function, own_noise, monkeypatch, error=None):
 
     class Synthetic:
         def __init__(self, coordinate):
-            batches = common + own_noise * noise.normal(size=common.shape)
+            own = own_noise / math.sqrt(search._more)
+            batches = common + own * noise.normal(size=common.shape)
             self.value = function(coordinate) + batches.mean()
             self.series = batches - batches.mean()
 
@@ -231,6 +232,21 @@ def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
     # All places are named, with what would tell them apart.
     assert str(caught.value).count(" at ") == optimum_search.PLACES
     assert "raise run.duration = 3000" in str(caught.value)
+
+
+@pytest.mark.parametrize(("own_noise", "least", "most"), [(0.5, 1.0, 1.0), (1.5, 1.2, 3.9)])
+def test_no_more_realizations_run_than_the_interval_takes(own_noise, least, most, monkeypatch):
+    """Two standard errors of the place may be 0.15 of the half width; 0.18 take twice the runs.
+
+    Within four standard errors of the maximum; false alarm one in 16 000.
+    """
+    search = searched(
+        lambda coordinate: 10.0 - 20.0 * (coordinate - 0.5) ** 2, own_noise, monkeypatch
+    )
+    place, _ = search.find(0.5)
+    assert abs(place.estimate - 0.5) < 4.0 * place.standard_error
+    assert least <= search._more <= most
+    assert 2.0 * place.standard_error < 0.15 * 0.25
 
 
 def test_where_nothing_is_harvested_there_is_nothing_to_optimise(monkeypatch):

@@ -181,7 +181,7 @@ def test_figures_and_files_are_made():
     assert {len(row) for row in rows} == {len(header)}
     assert len(study.view().texts()["-devices.csv"].splitlines()) == 1 + 16 * 5
     for draw in (draw_tornado, draw_distribution):
-        assert figures.picture(draw, study, "png").startswith(b"\x89PNG")
+        assert figures.image(figures.drawn(draw, study), "png").startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

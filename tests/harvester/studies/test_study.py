@@ -84,7 +84,7 @@ def test_what_several_points_share_is_said_once(study):
     assert [line for line in said if "bare" in line] == ["resistor: a node is bare"]
     noted[2:] = [replace(each, outcome="SimulatorTimeout: 1 s") for each in noted[2:]]
     said = replace(study, evaluations=noted).sentences()
-    assert "resistor at 0.05; 0.08891: a node is bare" in said
+    assert "resistor at 0.05; 0.088914: a node is bare" in said
     assert sum("SimulatorTimeout" in line for line in said) == 1
 
 
@@ -207,10 +207,10 @@ def test_on_one_path_only_the_steps_of_the_engines_differ(linear, monkeypatch):
         (sine, 5e-3, ""),
         (linear, math.nan, "too short for an error bar"),
     ):
-        found = proof_module._difference(scene, (3e-3, 4e-3), ours, 1.01 * ours)
+        found = proof_module._difference(prepared(scene), (3e-3, 4e-3), ours, 1.01 * ours)
         assert found[:2] == pytest.approx((0.01, error), nan_ok=True)
         assert found[2] == reason
-    (task,) = proof_module._tasks(sine, 64, MonteCarlo(), "")
+    (task,) = proof_module._tasks(prepared(sine), 64, MonteCarlo(), "")
     assert len(task.arguments["indices"]) == 1
 
 

@@ -84,10 +84,40 @@ def test_a_precision_adds_realizations_and_closures_have_none(pool):
     assert averaged.realizations == 0
 
 
+def test_every_quantity_of_a_place_can_be_asked_for(swept):
+    place = ("consistent", 0.1, 2.0)
+    power = swept["mean_power"][place]
+    (cell,) = (c for point, c in swept.places() if (c.method, *point) == place)
+    assert power.estimate == cell.estimates["mean_power"].estimate
+    assert "mean_square_velocity" in list(swept)
+    with pytest.raises(harvester.UnknownQuantity, match=r"there are .*consistent"):
+        swept["mean_power"]["consistent"]
+
+
+def test_roots_of_mean_squares_are_quantities(pool):
+    over = {KEY: [2.0]}
+    found = harvester.sweep(
+        "linear", over, methods=["consistent"], quantities=["rms_displacement"], executor=pool
+    )
+    (square, root) = (
+        found[name]["consistent", 2.0] for name in ("mean_square_displacement", "rms_displacement")
+    )
+    assert root.estimate == pytest.approx(math.sqrt(square.estimate), rel=1e-12)
+    assert found.table().header[2] == "rms displacement"
+    assert "consistent: ± is the numerical error alone" in " ".join(found.sentences())
+
+
+def test_the_headline_has_the_unit_of_the_key(pool):
+    over = {"load.resistance": [2.5e5]}
+    found = harvester.sweep("device", over, methods=["fokker_planck"], executor=pool)
+    assert "at load.resistance = 250 kΩ, by fokker_planck" in found.headline()
+
+
 def test_what_fails_is_the_outcome_of_its_place(pool):
     scene = Scene.read("device").replace({"load.netlist": "bridge"})
-    found = harvester.sweep(scene, {}, methods=["consistent"], executor=pool)
-    assert found.cells[0].outcome.startswith("LoadError")
+    over = {"load.parameters.resistance": [1e5]}
+    found = harvester.sweep(scene, over, methods=["consistent"], executor=pool)
+    assert found.cells[0, 0].outcome.startswith("LoadError")
     header, (row,) = found.data()
     assert math.isnan(row[header.index("estimate")])
 
@@ -98,6 +128,9 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
         ({"load.decay_rat": [1.0]}, {}, "did you mean load.decay_rate"),
         ({KEY: 1.0}, {}, "over.*must be a list"),
         ({KEY: [1.0, 1.0]}, {}, "each value once"),
+        ({}, {}, "over: names no key; write over="),
+        ({KEY: (0.1, 2.0, 7)}, {}, r"\[0.1, 2, 7.0\], or numpy.linspace\(0.1, 2, 7\)"),
+        ({KEY: ["0.1"]}, {}, "must be a number; write 0.1 without quotes"),
         ({KEY: [1.0]}, {"methods": "circuit"}, "methods = 'circuit': must be a list"),
         ({KEY: [1.0]}, {"methods": ["spice"]}, "unknown method spice"),
         ({KEY: [1.0]}, {"methods": []}, "at least one"),
@@ -139,7 +172,7 @@ def test_all_quantities_of_a_run_are_known_before_it(name, pool):
     run = {"duration": 5 * cycle, "settle": cycle, "realizations": 2}
     scene = scene.replace(run=run)
     found = harvester.simulate(scene, method="monte-carlo", executor=pool)
-    assert {*found.quantities} <= {*quantity_names(scene)}
+    assert {*found.quantities} <= {*quantity_names(prepared(scene))}
 
 
 def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):

@@ -18,6 +18,7 @@ from harvester.engines.simulate import simulate
 from harvester.engines.task import Task
 from harvester.results import figures, palette
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.paired import paired_difference
@@ -98,7 +99,7 @@ def test_a_run_for_the_means_holds_its_evidence(diagram):
 def test_the_cost_of_a_method_is_that_of_its_own_tasks(diagram):
     moments = diagram.rows[0].run.moments
     answers = [{"moments": moments, "seconds": seconds} for seconds in (3.0, 2.0)]
-    run = Timed(diagram.scene, answers)
+    run = Timed(prepared(diagram.scene), answers)
     row = measurement.MethodRow(FEW[0], run)
     # Two realizations of 55 s in each task, 50 s of them measured.
     assert row.seconds_per_unit == pytest.approx(5.0 / 220.0, rel=1e-3)
@@ -130,7 +131,7 @@ def test_the_reference_is_that_of_an_independent_integration():
         ["run.realizations=2", "run.duration=10", "run.settle=0", "excitation.intensity=0.1"],
     )
     for index in (0, 1):
-        states = exact_paths.run(scene, index, report=None)
+        states = exact_paths.run(prepared(scene), index, report=None)
         np.testing.assert_allclose(states, independent_path(scene, 200, index)[1:], atol=1e-9)
 
 
@@ -275,7 +276,7 @@ def runs():
     overrides = ["run.realizations=16", "run.duration=400", "run.settle=40"]
     scene = Scene.read("linear", overrides)
     moments = simulate(scene, method="monte-carlo", workers=1).moments
-    return moments, lambda some: Timed(scene, [{"moments": some, "seconds": 1.0}])
+    return moments, lambda some: Timed(prepared(scene), [{"moments": some, "seconds": 1.0}])
 
 
 def with_bias(moments, factor):

@@ -36,10 +36,10 @@ def test_a_linear_device_has_the_power_of_the_closed_form(time, power):
 def test_it_holds_for_small_motion_only():
     for intensity, holds in ((1e-6, True), (1e-4, True), (1e-2, False)):
         scene = Scene.read("paper", [f"excitation.intensity={intensity}"])
-        assert bool(closed_forms(scene, 4).get("small motion")) == holds
+        assert bool(closed_forms(prepared(scene), 4).get("small motion")) == holds
     # Stoppers that the motion reaches; an open piezo, whose charge settles nowhere.
     near = Scene.read("paper", ["excitation.intensity=1e-4", "stoppers.gap=1.013"])
-    assert closed_forms(near, 4) == {}
+    assert closed_forms(prepared(near), 4) == {}
 
 
 def test_gibbs_is_the_quadrature_over_the_potential():

@@ -38,9 +38,9 @@ def test_monte_carlo_follows_the_independent_path(device):
             "excitation.intensity": LOUD.get(device, scene.excitation.intensity),
         }
     )
-    reference = exact_paths.run(scene, 0, None)
+    reference = exact_paths.run(prepared(scene), 0, None)
     window = (0.0, 2.0 * scene.run.duration)
-    [realization] = run(scene, MonteCarlo("finest"), [0], window, lambda _: None)
+    [realization] = run(prepared(scene), MonteCarlo("finest"), [0], window, lambda _: None)
     record = realization.waveform
     times = spacing * np.arange(1, KNOTS + 1)
     for column, quantity in enumerate(("displacement", "velocity", "voltage")):

@@ -114,7 +114,7 @@ def test_cases_of_a_piezo_are_refused_by_name_on_a_coil():
     for values in ({"decay_rate": 1.0}, {"coupling": 1.0}):
         with pytest.raises(SceneError, match=r"want a \[piezo\]"):
             changed(scene, Case("", "", values))
-    settle, duration = run_length(changed(scene, Case("", "", {"intensity": 1.0})))
+    settle, duration = run_length(prepared(changed(scene, Case("", "", {"intensity": 1.0}))))
     assert 0.0 < settle < duration < math.inf
 
 

@@ -152,6 +152,15 @@ def test_a_figure_without_any_answer_is_drawn_and_counts_its_failed_runs(name, t
     assert f"why is in {name}.json" in (tmp_path / "figure.svg").read_text()
 
 
+def test_the_legend_has_a_method_whose_runs_are_all_too_short():
+    short = replace(constant(0.1), misses_jumps=True)
+    series = drawing._series("circuit", [(0.1, short)], "mean_power", 1.0, drawing.COLOURS[0])
+    assert [(one.label, one.marker, len(one.x)) for one in series] == [
+        ("circuit", "+", 0),
+        (None, drawing.SHORT, 1),
+    ]
+
+
 @pytest.mark.parametrize("name", ["fig5", "fig7", "fig8", "fig9"])
 def test_the_legend_of_methods_fits_into_the_figure(name):
     """One figure of each width."""

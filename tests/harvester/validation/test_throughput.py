@@ -34,7 +34,7 @@ def test_every_way_is_measured_at_its_own_step(pool):
             asked.extend(calls)
             return pool.map(function, calls)
 
-    rows = measure(scene, Watching(), compiled=False, knots=200, repeats=1)
+    rows = measure(prepared(scene), Watching(), compiled=False, knots=200, repeats=1)
     assert [row.copies for row in rows] == [1, 1, 1, 16, 1]
     assert all(row.rate > 0.0 for row in rows)
     steps = [call["engine"].step for call in asked]

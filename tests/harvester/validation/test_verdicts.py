@@ -145,7 +145,7 @@ INTACT = {}
 def word_of(scene, monkeypatch, change, longer=1):
     """Verdict on an engine that stands in the circuit's place, of second order as it is."""
     monkeypatch.setitem(ENGINES, "circuit", broken_engine(MonteCarlo, change, longer, "heun"))
-    path, _ = path_deviation(scene, "circuit", "default")
+    path, _ = path_deviation(prepared(scene), "circuit", "default")
     return verdicts(circuit=said(path=path))["circuit"].word
 
 
@@ -175,5 +175,5 @@ def test_the_mass_is_judged_whatever_the_load(monkeypatch, share, word):
     damping = share * scene.oscillator.damping
     broken = broken_engine(Circuit, lambda s: {"oscillator.damping": damping})
     monkeypatch.setitem(ENGINES, "circuit", broken)
-    path, _ = path_deviation(scene, "circuit", "default")
+    path, _ = path_deviation(prepared(scene), "circuit", "default")
     assert verdicts(circuit=said(path=path))["circuit"].word == word

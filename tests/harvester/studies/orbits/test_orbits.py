@@ -409,12 +409,12 @@ def test_down_begins_where_up_ended():
 def test_error_bars_of_chaotic_values_hold_the_mean():
     """64 periods of each of 60 chaotic paths: 95 % intervals hold the mean of all; 88 % or fewer
     would be chance once in 100 times."""
-    scene = forced(duffing(0.15, 0.3, 1.0), "a test")
+    driven = forced(duffing(0.15, 0.3, 1.0), "a test")
     starts = np.c_[np.random.default_rng(3).uniform(-1.0, 1.0, (60, 2)), np.zeros(60)].tolist()
-    samples = follow(scene, "monte-carlo", "default", starts, 164, 64, lambda *_: None)
+    samples = follow(driven, "monte-carlo", "default", starts, 164, 64, lambda *_: None)
     samples = samples[transients(samples[:, :, :3], 0.0)[0] == 0]
     assert len(samples) > 50
-    period = scene.excitation.period
+    period = driven.scene.excitation.period
     means, errors = np.array([means_of(each[None], period, 0.0, 0.0) for each in samples]).swapaxes(
         0, 1
     )
@@ -541,7 +541,7 @@ def test_what_the_knots_of_white_noise_lengthen_is_noted():
     times, exits = np.full((4, 4, 2), 100.0), np.full((4, 4, 2), 2.0)
     for spacing, noted in ((0.0555, True), (0.01, False)):
         scene = three_temperatures(1.0 / 6.0, knot_spacing=spacing)
-        found = stays_of(scene, None, times, exits)
+        found = stays_of(prepared(scene), None, times, exits)
         assert found[0].longer_by_knots == pytest.approx(3.0 * 8.0 * spacing**2 / 6.0, rel=0.01)
         lines = Residence(scene, None, found, "monte-carlo", "", 0.0).sentences()
         assert any("about 1.2% to 2.5% longer" in line for line in lines) == noted
@@ -553,7 +553,9 @@ def test_a_missing_kramers_time_is_told_with_its_value():
     found = [
         stay
         for value in (0.1, 0.3)
-        for stay in stays_of(scene.replace({"excitation.intensity": value}), value, times, exits)
+        for stay in stays_of(
+            prepared(scene.replace({"excitation.intensity": value})), value, times, exits
+        )
     ]
     residence = Residence(scene, "excitation.intensity", found, "monte-carlo", "", 0.0)
     (line,) = [line for line in residence.sentences() if "Kramers" in line]

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import harvester
-from harvester.cli.report import page_of
+from harvester.results.report import page_of
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

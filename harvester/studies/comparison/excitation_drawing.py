@@ -12,7 +12,7 @@ from harvester.results.drawing import mark_frequency
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.scene.paths import noise_path
-from harvester.scene.prepared import prepared
+from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
 
 if TYPE_CHECKING:
@@ -28,11 +28,12 @@ LEAST_SHARE = 1e-8
 
 def draw_spectrum(scene: Scene) -> Figure:
     """Spectral density of the first realization's excitation, and where the device resonates."""
-    frequency, density = excitation_spectrum(scene)
+    prepared_scene = prepared(scene)
+    frequency, density = excitation_spectrum(prepared_scene)
     seen = density > LEAST_SHARE * density.max()
     what = "displacement" if scene.excitation.prescribes_displacement else "acceleration"
     unit = "m²/Hz" if what == "displacement" else "(m/s²)²/Hz"
-    resonance = timescales.angular_frequency(prepared(scene).system) / (2.0 * np.pi)
+    resonance = timescales.angular_frequency(prepared_scene.system) / (2.0 * np.pi)
     mark = partial(mark_frequency, frequency=resonance, label="device, small oscillations")
     panel = Panel(
         "frequency [Hz]",
@@ -45,12 +46,11 @@ def draw_spectrum(scene: Scene) -> Figure:
     return draw_panels([panel], f"{scene.name}: spectral density of the excitation", (4.8, 2.3))
 
 
-def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def excitation_spectrum(prepared_scene: Prepared) -> tuple[np.ndarray, np.ndarray]:
     """One-sided spectral density of the first realization's path (Hz, the scene's unit² per Hz)."""
     from scipy import signal
 
-    prepared_scene = prepared(scene)
-    spacing, run = knot_spacing(prepared_scene), scene.run
+    spacing, run = knot_spacing(prepared_scene), prepared_scene.scene.run
     knots = min(MOST_KNOTS, max(2, int((run.settle + run.duration) / spacing)))
     samples = noise_path(prepared_scene, 0).read(knots) * prepared_scene.scales.displacement
     length = max(2, min(knots, 2 * knots // SEGMENTS))
