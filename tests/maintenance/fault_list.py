@@ -306,15 +306,15 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "share * (factor - 1.0), 1.0 + 2.0 * neighbours)",
-        "share * (factor - 1.0), 1.0)",
+        "_raised(variance, series.size / max(factor, 1.0))",
+        "_raised(variance, series.size)",
         EXACT_ERROR,
     ),
     Fault(
         "error bars: every mean has the correlation time of mean squares",
         BATCH_MEANS,
-        "share = min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)",
-        "share = 1.0",
+        "return min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)",
+        "return 1.0",
         (f"{OF_MEANS}::test_uncorrelated_batches_and_those_that_take_back_have_no_wider_error",),
     ),
     Fault(
