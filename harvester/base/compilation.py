@@ -56,7 +56,7 @@ def _numba():
 
 
 def _with_numba(register):
-    """Do something that needs numba, now or when it is imported."""
+    """Run `register`, which needs numba, now or when numba is imported."""
     with _importing:
         if _waiting is not None:
             _waiting.append(register)

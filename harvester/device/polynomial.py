@@ -63,7 +63,7 @@ class Polynomial(NamedTuple):
 
     @property
     def line(self) -> tuple[float, float]:
-        """(F0, k1), which elements of a circuit other than `nonlinear_formula` hold."""
+        """(F0, k1), the part of the force that circuits build from linear elements."""
         tilt, linear = (*self.coefficients, 0.0, 0.0)[:2]
         return tilt, linear
 

@@ -60,7 +60,7 @@ class Realization:
     Attributes
     ----------
     waveform
-        The stretch asked for.
+        Waveform within the requested window.
     electrical
         Series in addition to the waveform: `output_voltage` (scaled) of a load with an output, and
         the requested nodes and currents (V and A).
@@ -70,7 +70,7 @@ class Realization:
         Processor time of one core (s), for the simulation alone, whatever else the machine
         does; of realizations run together, its share.
     started, ended
-        The system's clock (s).
+        System time at start and end (s).
     stroboscope
         Samples at the beginnings of the excitation's periods, as
         `harvester.statistics.stroboscope.Stroboscope` has them; where they were asked for.

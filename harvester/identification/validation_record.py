@@ -322,7 +322,7 @@ class WholeRecord(ValidationRecord):
 
     @property
     def claimed(self) -> bool:
-        """Whether the model claims this record."""
+        """Whether the model's range of validity covers this record."""
         return not self.outside
 
     @property

@@ -82,7 +82,7 @@ def _look_around(objective, place, answer, stage):
 
 
 class _Ray:
-    """The line from a point along one axis to an end of its range."""
+    """A line from a point along one axis to an end of its range."""
 
     def __init__(self, axis, way, place):
         self._axis, self._way, self._place = axis, way, place
