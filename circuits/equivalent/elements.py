@@ -55,7 +55,7 @@ def literal(name: str, value: float, *description: str) -> str:
 
 
 def states(rate: float, displacement: str, velocity: str) -> Iterator[str]:
-    """Displacement and mass, with their initial values (the velocity's over rate) as text."""
+    """Netlist lines of displacement and velocity, with initial values (velocity over rate)."""
     yield f"C{DISPLACEMENT} {DISPLACEMENT} {GROUND} {number(1 / rate)} ic={displacement}"
     yield f"G{VELOCITY} {GROUND} {DISPLACEMENT} {VELOCITY} {GROUND} {number(1.0)}"
     yield f"Cmass {VELOCITY} {GROUND} {number(1 / rate)} ic={velocity}"

@@ -380,7 +380,7 @@ def climbing(
 
 
 def _branch(scenes, engine, direction, samples):
-    """One direction, from samples in the scenes' units."""
+    """The branch of one sweep direction, from samples in the scenes' units."""
     periods, motions = np.zeros(len(samples), dtype=int), []
     values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
     for k, driven in enumerate(scenes):
