@@ -7,7 +7,7 @@ import sys
 def main() -> int:
     """Run the command line; returns the exit code.
 
-    What it needs is imported here, so that an interrupt meanwhile ends in a line as well. Callbacks
+    Its imports are here, so that an interrupt meanwhile ends in a line as well. Callbacks
     of compiled libraries may swallow an interrupt: the exit code reports it nevertheless.
     """
     signals = []

@@ -50,7 +50,7 @@ ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
 LOAD_TOLERANCE = 1e-5
 # ngspice's default relative tolerance.
 OWN_TOLERANCE = 1e-3
-# Smallest charge (C) whose error counts in a load that oscillates by itself: a third of ngspice's
+# Smallest charge (C) whose error counts in a self-oscillating load: a third of ngspice's
 # default.
 OWN_CHARGE = 3e-15
 # Fewest steps of a run. ngspice 46 never ends a shorter one: its smallest step, 1e-11 of the
@@ -122,7 +122,7 @@ class Netlist:
     step : float
         Longest step (s).
     stop : float
-        End of what is of interest (s); the text may run on.
+        End of the range of interest (s); the text may run on.
     prefixes : tuple of str
         Prefixes of the nodes' names, one for each copy of the device.
     terminal : str
@@ -210,7 +210,7 @@ def assemble(
     integrator : str
         A name in `INTEGRATORS`.
     save : sequence of str
-        Vectors that ngspice keeps in its memory; what streams out needs none.
+        Vectors that ngspice keeps in its memory; streamed ones are not kept.
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
         `circuits.equivalent.compact_model`.
@@ -282,12 +282,12 @@ def assemble(
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
     if load and load.resistance is None:
-        # Charges and fluxes below this do not shorten steps: those of stray capacitances and of
-        # idle coils.
+        # Charges and fluxes below this do not shorten steps, such as those in stray capacitances
+        # and idle coils.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         if load.self_oscillation.oscillates:
-            # A load that oscillates by itself may hold charges as small as OWN_CHARGE.
+            # A self-oscillating load may hold charges as small as OWN_CHARGE.
             charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"

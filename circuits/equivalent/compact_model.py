@@ -35,7 +35,7 @@ _HEAD = """\
 //     v0^2 = X'^2 + 2 max(U(X) - U(gap), 0) + 2 K d^(n+1)/(n+1),   U the energy of F
 //
 // v0 is the speed at the start of the contact, read from the state; |X'|/v0 <= 1 always. Numbers
-// are those of the source paper.
+// refer to the source paper.
 //
 // X, the displacement in scaled units, is a voltage, and so is X'/rate: with rate the device's own
 // angular frequency (rad/s) both are of order one. A current into `velocity` is an acceleration
@@ -45,7 +45,7 @@ _HEAD = """\
 //
 //     openvaf-r harvester.va -o harvester.osdi                         (openvaf-reloaded)
 //     osdi harvester.osdi                                    (an ngspice with OSDI, such as 46)
-//     .model device harvester coupling=0 ...                    (what is not given: the scene's)
+//     .model device harvester coupling=0 ...              (omitted parameters: the scene's)
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
@@ -54,7 +54,7 @@ _BASE_NOTE = """\
 //
 // `base` carries the voltage that the base's acceleration adds in series with Cp, -Q a/Cp with a
 // charge of Q a on the terminals: modes of a beam that follow the base at once. A source sets it;
-// Cp d/dt (V(piezo) - V(base)) stands in (4b).
+// Cp d/dt (V(piezo) - V(base)) is in (4b).
 """
 # Longest line of an expression, in characters.
 _WIDTH = 84
@@ -67,7 +67,7 @@ SIGN = """
 """
 
 
-# Elements of a piezo's network that stand in a module.
+# Elements of a piezo's network that a module includes.
 HELD = ("piezo", "charge", "back_action")
 
 
@@ -152,7 +152,7 @@ def mechanics(
     x, u : str
         Names of X and X'/rate.
     **own
-        Of `harvester.device.contact.formulas`.
+        Options of `harvester.device.contact.formulas`.
     """
 
     def over_square(key, value, meaning):

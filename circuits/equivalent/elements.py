@@ -3,8 +3,8 @@
 Mechanics as an RC network of order one: node `displacement` carries X, node `velocity` carries
 X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
 ω (`rate`) is the device's own angular frequency. Linear terms are controlled sources, which cost
-ngspice almost nothing; only what is not linear is behavioural. An inductor for the mass
-would need more Newton iterations a step. The transducer's elements are those of its `Network`,
+ngspice almost nothing; only nonlinear terms are behavioural. An inductor for the mass
+would need more Newton iterations a step. The transducer's elements come from its `Network`,
 whose terminal carries volts.
 """
 
@@ -55,7 +55,7 @@ def literal(name: str, value: float, *description: str) -> str:
 
 
 def states(rate: float, displacement: str, velocity: str) -> Iterator[str]:
-    """Displacement and mass, with their initial values (the velocity's over rate) as text."""
+    """Netlist lines of displacement and velocity, with initial values (velocity over rate)."""
     yield f"C{DISPLACEMENT} {DISPLACEMENT} {GROUND} {number(1 / rate)} ic={displacement}"
     yield f"G{VELOCITY} {GROUND} {DISPLACEMENT} {VELOCITY} {GROUND} {number(1.0)}"
     yield f"Cmass {VELOCITY} {GROUND} {number(1 / rate)} ic={velocity}"
@@ -94,8 +94,8 @@ def trapezoidal_prewarp_factor(angle: float) -> float:
 def pacing(rate: float, pace: float, start: tuple[str, ...], slowed: bool) -> Iterator[str]:
     """Parallel capacitors by which displacement and velocity change faster by a factor `pace`.
 
-    Where shorter steps than the grid's are `slowed`, a source does so for the displacement; that of
-    the noise does so for the velocity.
+    If shorter steps than the grid's are `slowed`, a source slows the displacement; the source of
+    the noise slows the velocity.
     """
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
@@ -197,7 +197,7 @@ def speed_hold(s: System, rate: float, step: float, start: str) -> Iterator[str]
 
     Out of contact, `held_speed` follows the speed at which the mass would arrive at the stopper
     ahead with the energy it has; in contact nothing flows. A time constant of half a step is the
-    shortest that the trapezoidal rule follows without ringing. Such a node lags behind; the lag of
+    shortest that the trapezoidal rule follows without ringing. Such a node lags; the lag of
     a second node, `lagging_speed`, is added to correct for it, which leaves an error of second
     order. `start` is the initial speed over rate, as text.
     """
@@ -308,9 +308,9 @@ def resistor(resistance: float, network: Network) -> Iterator[str]:
 
 
 def load_pins(network: Network) -> dict[str, str]:
-    """Names of the nodes at a load's pins, behind the ammeter.
+    """Names of the nodes at a load's pins, after the ammeter.
 
-    The colon tells them from nodes within the load, whose names hold none.
+    The colon distinguishes them from nodes within the load, whose names hold none.
     """
     ends = {"p": behind_ammeter(network), "out": OUTPUT, "ref": REFERENCE}
     return {"n": GROUND, **{pin: f"{PIN}{node}" for pin, node in ends.items()}}
@@ -319,7 +319,7 @@ def load_pins(network: Network) -> dict[str, str]:
 def load_call(load: LoadCircuit, network: Network, named: bool) -> Iterator[str]:
     """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
 
-    While every diode blocks, a DC side has no potential of its own against the terminals, and
+    While every diode blocks, a DC side has no defined potential against the terminals, and
     Newton's iterations fail at short steps: a stray capacitance to ground gives it one, at the pins
     that `LoadCircuit.stray_pins` names.
     """

@@ -1,4 +1,4 @@
-"""Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
+"""Self-contained netlists: a `.cir` with a PWL source that plain `ngspice -b` runs."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def stand_alone(
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
-        Relative tolerance of ngspice's step control; None: its own default, or what a load
+        Relative tolerance of ngspice's step control; None: its default, or the one that a load
         with diodes needs.
     integrator : str
         See `circuits.equivalent.assembly.assemble`.
     save : sequence of str
-        Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
+        Vectors to store, in addition to the load's output; empty stores nothing (for a run that
         streams), None: motion, terminal voltage and noise.
 
     Raises
@@ -108,7 +108,7 @@ def for_ltspice(
     Raises
     ------
     NetlistError
-        As `stand_alone`; or an expression that LTspice has no words for.
+        See `stand_alone`; or an expression without an equivalent in LTspice.
     """
     netlist, scales, points = _assembled(ready, path, start, step)
     scene, text = ready.scene, netlist.text
@@ -177,11 +177,11 @@ def _check_step(contact_time, step):
 
 
 def _header(before, scene, netlist, scales):
-    """The netlist's first part, with what a reader by hand needs to know."""
+    """The netlist's first part, with notes for readers."""
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
-        "If this file has another name, write that name behind the .raw file.",
+        "If this file has another name, write that name after the .raw file.",
         "ngspice searches all points of the PWL source at every step: its time grows with the",
         "square of run.duration. harvester simulate --method circuit does not.",
         *LICENCE,
@@ -195,7 +195,7 @@ def _reading(scene, netlist, scales):
     """Lines that explain the nodes: quantity and unit of each."""
     si = scene.units == "SI"
     volts = "volts" if si else "scaled"
-    shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"
+    shaken = f"v({BASE}): voltage of the base's acceleration in series with the piezo, {volts}"
     return [
         f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
         f"v(velocity): X' over {netlist.rate!r} per second",

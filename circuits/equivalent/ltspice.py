@@ -1,4 +1,4 @@
-"""ngspice's netlists in LTspice's words."""
+"""ngspice's netlists in LTspice's syntax."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from harvester.base.errors import NetlistError
 # Variables of a B source. ngspice calls the last one `temper`.
 VARIABLES = {"time", "pi", "temp"}
 DIFFERENCES = (
-    "the noise is read from a file beside this one (PWL file=), not written out here",
+    "the noise is read from a file next to this one (PWL file=), not written out here",
     "conditions are if(a,b,c) in place of a ? b : c; a==b is (a>=b)*(a<=b)",
-    "pwr(x,y) = |x|^y stands for ngspice's pow(x,y), pwrs for its pwr",
+    "pwr(x,y) = |x|^y replaces ngspice's pow(x,y), pwrs its pwr",
     "the noise current is I(Inoise) in place of @inoise[current]",
     "plotwinsize=0 turns the compression of waveforms off, numdgt=7 keeps them in double precision",
     "trtol scales each simulator's own error estimate: the steps are not the same",
@@ -63,13 +63,13 @@ def _card(card):
 
 
 def translate(expression: str, behavioural: bool = False) -> str:
-    """An expression of ngspice in LTspice's words.
+    """An expression of ngspice in LTspice's syntax.
 
     Parameters
     ----------
     expression : str
     behavioural : bool
-        Whether it stands in a B source, where parameters stand in braces.
+        Whether it is in a B source, where parameters are in braces.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
 
 
 def _kept(name, behavioural):
-    """A name as it stays; parameters of a B source stand in braces."""
+    """A name unchanged; in braces for a parameter of a B source."""
     name = "temp" if name == "temper" else name
     return f"{{{name}}}" if behavioural and name not in VARIABLES else name
 

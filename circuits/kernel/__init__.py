@@ -16,10 +16,10 @@ and names the function that does each thing. Read the modules in this order.
 
    with the diodes' charges q and currents i, and the sources s.
 3. `linear.order_of` chooses the order of elimination. Rows with linear elements alone come first.
-   What is left is the core: the nodes of the bridge's diodes, and the velocity.
+   The remaining rows are the core: the nodes of the bridge's diodes, and the velocity.
 4. `code.code_of` writes machine code for this shape of circuit: straight lines of arithmetic, no
    loop over elements (`emitter` has the numbers, `elimination` the pivots, `junction` a diode's
-   law). Circuits of one shape share their code; values stand in a block of memory
+   law). Circuits of one shape share their code; values are in a block of memory
    (`memory.Layout`).
 5. `mechanics.device_of` compiles spring, damper and contacts, behind addresses, so that a new load
    does not compile the device again.
@@ -46,5 +46,5 @@ and names the function that does each thing. Read the modules in this order.
    takes the method's error of frequency away.
 
 A realization's state is `stage.State`. `engine.integrate` hands its points to the estimators, and
-says by name what stopped a run.
+names the reason that stopped a run.
 """

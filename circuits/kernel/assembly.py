@@ -1,4 +1,4 @@
-"""The tables of a scene: its transducer's network, its load, and where a record's numbers stand."""
+"""Tables of a scene: its transducer's network, its load, and indices of a record's numbers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     Raises
     ------
     LoadError
-        The load holds what the compiled engine does not take; the message says where.
+        The load has an element that the compiled engine does not support; the message names it.
     """
     scales, load, network = ready.scales, ready.scene.load.circuit, ready.network
     b = Builder()
@@ -115,7 +115,7 @@ def _state(b, network, ammeter):
 
 
 def _add_transducer(b, network, scales, row_unit):
-    """Elements of the transducer; returns the place of the velocity, the last unknown."""
+    """Elements of the transducer; returns the index of the velocity, the last unknown."""
     nodes = {name: b.node(DEVICE + name) for name in sorted(network.nodes)}
     nodes[GROUND] = -1
     b.branch(DEVICE + LOAD_AMMETER)

@@ -28,7 +28,7 @@ class Builder:
         self.graph = ExpressionGraph()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Places in the graph whose value passes 0 where a source jumps.
+        # Indices in the graph whose value passes 0 where a source jumps.
         self.zero_crossings: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
@@ -117,7 +117,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
     """The collected elements as tables; the velocity X' is the last unknown."""
     n = velocity + 1
     if len(b.unknowns) != velocity:
-        raise ValueError("an unknown was added behind the velocity")
+        raise ValueError("an unknown was added after the velocity")
     rows = sorted(b.entries)
     steady = np.zeros(n)
     for index, value in b.steady.items():
@@ -127,7 +127,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         if index >= 0:
             flags[int(kind == "column"), index] = True
 
-    # Junctions of the same kind stand together.
+    # Junctions of the same kind are consecutive.
     junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
 
     def places(found, width):
@@ -165,7 +165,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 
 
 def _starts(b, n):
-    """y at the beginning without the transducer's state, and what one unit of it adds: (2, n).
+    """y at the beginning without the transducer's state, and its change per unit of it: (2, n).
 
     Voltages that sources set are kept exactly. Capacitors' voltages and inductors' currents are as
     given; where these contradict each other, the largest elements have the greatest weight. The
@@ -174,7 +174,7 @@ def _starts(b, n):
     matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))
     for k, (a, z, start, size) in enumerate(b.initial):
-        # Ground stands last.
+        # Ground is last.
         matrix[k, a] += np.sqrt(size)
         matrix[k, z] -= np.sqrt(size)
         values[k, 1 if start == "state" else 0] = np.sqrt(size) * (
@@ -191,7 +191,7 @@ def _starts(b, n):
 
 
 def _set_voltages(b, n):
-    """Rows of the branches that set a voltage and hold no flux, and what they set at time 0."""
+    """Rows of the branches that set a voltage and hold no flux, and their values at time 0."""
     chosen = []
     for name, row_of_branch in b.unknowns.items():
         entries = {column: e for (row, column), e in b.entries.items() if row == row_of_branch}

@@ -1,8 +1,8 @@
 """Machine code for a circuit's shape: elimination in its order, its junctions, its products.
 
-What depends on where the circuit's elements stand is written out here, number by number, and
-compiled once for every shape, in a fraction of a second; values stand in the memory. Each function
-has the arguments of `circuits.kernel.emitter`:
+Code that depends on the positions of the circuit's elements is generated here, number by number,
+and compiled once for every shape, in a fraction of a second; values are in the memory. Each
+function has the arguments of `circuits.kernel.emitter`:
 
 - ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
 - ``predict``: guesses of the junctions' voltages, from the last step by the share of it given.
@@ -11,7 +11,7 @@ has the arguments of `circuits.kernel.emitter`:
 - ``again``: the same of the second stage, with the first one's `stored` for the rates.
 - ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
 - ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages
-  further ahead by a share of what they moved.
+  further ahead by a share of their movement.
 - ``conclude``: `new_rates` and `error` of a step, from δ, the weight of the first stage in the
   second and the length.
 - ``error``: `filtered` from `error`; gives the energy of the error.
@@ -38,22 +38,22 @@ from circuits.kernel.tables import Tables
 # end: the formula of third order on these rates less TR-BDF2's own of second order.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
-# At most so many junctions of one kind are computed side by side: the widest registers hold eight
-# numbers.
+# Largest number of junctions of one kind that are computed side by side: the widest registers hold
+# eight numbers.
 MOST_BESIDE = 8
 
 
 class Shape(NamedTuple):
-    """All that the code of a circuit depends on; tuples, so that equal shapes share their code.
+    """Structure of a circuit that determines its code; equal shapes share their code.
 
     Attributes
     ----------
     entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
-    traits : what each junction has, see `junction.traits`.
+    traits : features of each junction, see `junction.traits`.
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
-    rows, columns : which row and which unknown stands at each position of the elimination.
+    rows, columns : row and unknown at each position of the elimination.
     linear : unknowns before the core.
-    places : ((row, column) by position, place) of each number of the matrix.
+    places : ((row, column) by position, memory index) of each number of the matrix.
     layout : circuits.kernel.memory.Layout
     """
 
@@ -71,11 +71,11 @@ class Shape(NamedTuple):
 
 
 class Code(namedtuple("Code", "factor predict begin again iterate finish conclude error accept")):
-    """Addresses of a circuit's compiled functions; the module's head says what each does."""
+    """Addresses of a circuit's compiled functions, which the module's docstring describes."""
 
 
 def code_of(tables: Tables, order: Order) -> Code:
-    """The code of a circuit, made where no circuit of its shape has been met."""
+    """The code of a circuit, compiled once per shape."""
     return _compiled(
         Shape(
             _tuples(tables.entries),
@@ -128,7 +128,7 @@ def _factor(e: Emitter, shape: Shape) -> None:
 
 
 def _predict(e: Emitter, shape: Shape) -> None:
-    """Write `predict`: where Newton's iterations begin, on the line through two accepted points."""
+    """Write `predict`: first guesses of Newton's iterations, by linear extrapolation."""
     at = shape.layout
     for group in _groups(shape):
         v = e.load(at.voltages + group.first, count=group.width)
@@ -154,7 +154,7 @@ def _begin(e: Emitter, shape: Shape) -> None:
 
 
 def _again(e: Emitter, shape: Shape) -> None:
-    """Write `again`: the second stage's right-hand side, from what the first stage has stored."""
+    """Write `again`: the second stage's right-hand side, from the first stage's results."""
     at, n = shape.layout, len(shape.rows)
     stored = [e.load(at.stored + i) for i in range(n)]
     for i in range(n):
@@ -219,7 +219,7 @@ def _onto(shape, right, row, value):
 
 
 def _add_junctions(e, shape, matrix, right):
-    """The junctions' slopes and currents; their groups, laws, old voltages and the step's first."""
+    """Add the junctions' slopes and currents; return groups, laws, old and first voltages."""
     at, position, laws = shape.layout, _positions(shape), []
     y = [e.load(at.y + i) for i in range(len(shape.rows))]
     for group in _groups(shape):
@@ -338,7 +338,7 @@ class _Group(NamedTuple):
     Attributes
     ----------
     first, width : the first of them, and how many they are.
-    traits : what all of them have.
+    traits : their common features.
     """
 
     first: int
@@ -367,14 +367,14 @@ def _law(e, shape, group):
 
 
 def _positions(shape):
-    """A function that gives where an element of the matrix stands in the order of elimination."""
+    """A function that gives the position of a matrix element in the order of elimination."""
     rows = {row: i for i, row in enumerate(shape.rows)}
     columns = {column: i for i, column in enumerate(shape.columns)}
     return lambda row, column: (rows[row], columns[column])
 
 
 def _loaded(e, shape):
-    """The factors that `factor` has put into the slot, by their places."""
+    """The factors that `factor` has put into the slot, by their memory indices."""
     return {where: e.load(address, in_slot=True) for where, address in shape.places}
 
 
@@ -388,7 +388,7 @@ def _stamp(matrix, position, plus, minus, value, shape):
 
 
 def _across(e, values, plus, minus):
-    """Difference of two of the values; ground, behind them all, is 0."""
+    """Difference of two of the values; ground, after them all, is 0."""
     n = len(values)
     one = values[plus] if plus < n else e.constant(0.0)
     return one - values[minus] if minus < n else one

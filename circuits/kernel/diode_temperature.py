@@ -1,4 +1,4 @@
-"""A diode's numbers at its temperature, by the laws that ngspice's own model takes."""
+"""A diode's numbers at its temperature, by the laws of ngspice's model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST_GRADING = 0.9
 
 
 def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, float]:
-    """The numbers of a diode's model as they are at a temperature, "vt" (V) among them.
+    """The numbers of a diode's model at a temperature, including "vt" (V).
 
     Parameters
     ----------

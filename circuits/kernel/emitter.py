@@ -1,7 +1,7 @@
-"""Numbers of machine code yet to be made: written with Python's operators, compiled by LLVM.
+"""Symbolic numbers of generated code: written with Python's operators, compiled by LLVM.
 
-A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), a place in it and
-three numbers, and gives a number. It is straight-line code but for `choose`. A number may stand for
+A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), an index in it and
+three numbers, and gives a number. It is straight-line code but for `choose`. A number may represent
 several side by side, on which the processor works at once.
 """
 
@@ -21,7 +21,7 @@ DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 TYPE = ir.FunctionType(DOUBLE, [DOUBLE.as_pointer(), INTEGER, DOUBLE, DOUBLE, DOUBLE])
 
 
-# Adding this rounds a number to a whole one, which then stands in the last bits.
+# Adding this rounds a number to a whole one, which is then in the last bits.
 ROUNDING = 1.5 * 2.0**52
 # ln 2 in two parts. The first has so few digits that its multiples are exact.
 LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
@@ -41,7 +41,7 @@ class Number:
 
     @property
     def count(self) -> int:
-        """Length of the vector that it is; 0 for a scalar."""
+        """Length of the vector; 0 for a scalar."""
         return getattr(self.value.type, "count", 0)
 
     def _with(self, operation, other):
@@ -164,7 +164,7 @@ class Emitter:
         return Number(self.builder, _constant(value, count))
 
     def load(self, place: int, in_slot: bool = False, count: int = 0) -> Number:
-        """A number of the memory, counted from its beginning or from the slot's, or several."""
+        """Load one or several numbers from the memory, relative to its start or to the slot's."""
         return Number(
             self.builder, self.builder.load(self._pointer(place, in_slot, count), align=8)
         )
@@ -201,7 +201,7 @@ class Emitter:
         then: Callable[[], Sequence[Number]],
         otherwise: Callable[[], Sequence[Number]],
     ) -> list[Number]:
-        """The numbers of one of two pieces of code, of which only that one runs."""
+        """Values of one of two branches of code, of which only that one runs."""
         ends = []
         with self.builder.if_else(condition) as branches:
             for branch, code in zip(branches, (then, otherwise), strict=True):

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 CHUNK = 16384
 # Finer steps than these do not ask for a smaller error.
 FINEST = STEP_LEVELS["finest"]
-# Further ways in which a run may end, beside those of `advance`: it makes no progress, or its
-# voltages grow without bound.
+# Further ways in which a run may end, in addition to those in `advance`: it makes no progress, or
+# its voltages grow without bound.
 CRAWLING, UNBOUNDED = -1, -2
 SCHEME = "TR-BDF2"
 
@@ -94,7 +94,7 @@ def run_realizations(
     Raises
     ------
     LoadError
-        The load holds what is not taken, or another scheme is asked for.
+        The load contains an unsupported element, or another scheme is asked for.
     SimulatorAborted, SolutionDiverged
     """
     scene, s, scales = ready.scene, ready.system, ready.scales
@@ -224,7 +224,7 @@ def _make_exact(state, line):
 
 
 def _trouble(circuit, state, outcome, which):
-    """The error that says why a run ended early."""
+    """The error with the reason for an early end of a run."""
     stopped = f"Monte Carlo stopped at t = {state.scalars[0].time:g}: "
     limited = [
         element.place

@@ -2,10 +2,10 @@
 
 i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt), where below −3 n Vt the first term is
 −Is (1 + (3 n Vt/e v)³); beyond `LARGEST_CURRENT` either
-exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
-τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. Where the model
-says so, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
-stays what it is there, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
+exponential continues as its tangent, so that Newton's iterations stay among finite numbers. Charge:
+τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. If the model
+has it, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
+stays constant, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from circuits.netlist.part_models import TEMPERATURE
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number
 
-# Conductance beside every junction, in siemens, as ngspice has it.
+# Conductance in parallel with every junction, in siemens, as in ngspice.
 LEAST_CONDUCTANCE = 1e-12
-# Current, in amperes, above which the exponential goes on as its tangent.
+# Current, in amperes, above which the exponential continues as its tangent.
 LARGEST_CURRENT = 100.0
 # Columns of the table of junctions.
 (
@@ -47,7 +47,7 @@ MOST_SWINGS = 300.0
 
 
 class Traits(NamedTuple):
-    """Which of its terms a junction has; the others leave nothing in the code."""
+    """Terms that a junction has; code for the others is omitted."""
 
     resistance: bool
     breakdown: bool
@@ -86,7 +86,7 @@ def table_row(
     area : float
         Area of its junction, in units of the model's.
     many : float
-        How many of them lie side by side.
+        Number of equal junctions in parallel.
     celsius : float
         Temperature of the junction (°C).
     """
@@ -131,7 +131,7 @@ def slope(row: np.ndarray, voltage: float) -> float:
 def _at_breakdown(given, saturation, row, volts):
     """Current (A) at the breakdown voltage.
 
-    The current given, of any area, less what the saturation current takes of it in ngspice's
+    The given current, of any area, less the saturation current's part of it in ngspice's
     condition at the voltage where that alone flows.
     """
     onset = row[BREAKDOWN]
@@ -154,7 +154,7 @@ class Law:
     place, stride : int
         Address of the first one's numbers in the memory, and from there to its next column.
     count : int
-        How many there are.
+        Number of junctions.
     has : Traits
     """
 

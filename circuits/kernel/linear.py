@@ -1,8 +1,8 @@
 """The order in which the equations are eliminated, found once for a circuit, and elimination by it.
 
-Only what is not zero is touched. Rows and columns in which nothing but linear elements stand come
-first and are eliminated once for a step size and a state of the switches; what is left, the core,
-takes the junctions' slopes and is eliminated anew in every iteration of Newton's.
+Only entries that are not zero are touched. Rows and columns with linear elements alone come
+first and are eliminated once for a step size and a state of the switches; the remaining core
+takes the junctions' slopes and is eliminated again in every Newton iteration.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Order(NamedTuple):
 
     Attributes
     ----------
-    rows, columns : (n,) which row and which unknown stands at each position, int64.
+    rows, columns : (n,) row and unknown at each position, int64.
     linear : pivots before the core.
-    places : place of each number that is not zero, by (row, column) position; fill-in included.
+    places : memory index of each nonzero number, by (row, column) position; fill-in included.
     """
 
     rows: np.ndarray
@@ -49,7 +49,7 @@ def order_of(tables: Tables) -> Order:
 
 
 def _trials(tables):
-    """Where the matrix may not be zero, and equilibrated matrices of several states."""
+    """Nonzero pattern of the matrix, and equilibrated matrices of several states."""
     n = tables.steady.size
     random = np.random.default_rng(1)
     pattern = np.zeros((n + 1, n + 1), dtype=bool)
@@ -88,7 +88,7 @@ def _stamp(matrix, pattern, ends, value):
 
 
 def _pivots(tables, pattern, trials):
-    """Rows and unknowns in order, how many are linear, and where numbers then stand."""
+    """Rows and unknowns in order, the number of linear ones, and positions of the numbers."""
     n = len(pattern)
     filled, work = pattern.copy(), trials.copy()
     free_rows, free_columns = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
@@ -96,7 +96,7 @@ def _pivots(tables, pattern, trials):
     rows: list[int] = []
     columns: list[int] = []
     linear = None
-    # Only the columns in which a pivot's row stands change with its elimination.
+    # Only the columns of a pivot's row change with its elimination.
     size, changed = np.zeros((n, n)), np.arange(n)
     while len(rows) < n:
         size[:, changed] = _sizes(work[:, :, changed], free_rows)

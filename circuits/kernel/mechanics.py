@@ -1,6 +1,6 @@
-"""A device's mechanics behind addresses: a load's solver is not compiled anew for each of them.
+"""A device's mechanics as functions called by address: a load's solver is compiled once for all.
 
-Of each sort of spring, damper and contacts only these few functions are compiled; with the solver
+For each sort of spring, damper and contacts only these few functions are compiled; with the solver
 around them it would take ten times as long.
 """
 
@@ -39,7 +39,7 @@ class Device(NamedTuple):
     pull : of (whether contacts act, low, high, held speed, x, v)
         Spring, damper and, in the zone from low to high, contacts against the motion.
     contact_step : of (x, v, noise, remaining, longest, steps)
-        Step that resolves a contact with what is gained until the knot, ≤ longest (s).
+        Step that resolves a contact at the speed gained until the knot, ≤ longest (s).
     loss_power : of (x, v, held speed, whether a contact acts)
         Power lost in damper and contacts.
     """
@@ -52,7 +52,7 @@ class Device(NamedTuple):
 
 
 def device_of(s: System) -> Device:
-    """The device whose functions the solver calls; compiled where they are not."""
+    """The device whose functions the solver calls; they are compiled at first use."""
     kind, addresses = types.CPointer(numba.typeof(s)), list[int]()
     for function in _FUNCTIONS:
         floats = (types.float64,) * (function.py_func.__code__.co_argcount - 1)

@@ -1,4 +1,4 @@
-"""Where the numbers of a circuit stand in one block of memory, and views of it."""
+"""Layout of a circuit's numbers in one block of memory, and views of it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from circuits.kernel import junction
 from circuits.kernel.linear import Order
 from circuits.kernel.tables import Tables
 
-# So many factored matrices are kept, one for each length of step and each state of the switches.
-# Steps are those of the grid divided by powers of 2 (`stepping._length`), so that few lengths
+# Factored matrices that are kept, one for each length of step and each state of the switches.
+# Steps are the grid's divided by powers of 2 (`stepping._length`), so that few lengths
 # occur.
 SLOTS = 24
 
@@ -24,7 +24,7 @@ class Layout(
         "switches junctions slopes sizes slots end",
     )
 ):
-    """Places in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
+    """Indices in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
 
     Attributes
     ----------

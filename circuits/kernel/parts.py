@@ -111,7 +111,7 @@ def _diode(b, each):
     row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
-        # The junction lies behind its series resistance, at a node of its own.
+        # The junction follows its series resistance, at an internal node.
         inner = b.node(f"{each.name}:inside")
         b.between(anode, inner, conductance=1.0 / row[junction.RESISTANCE])
         row[junction.RESISTANCE] = 0.0
@@ -194,7 +194,7 @@ def _behavioural(b, each):
 
 
 def _finish_graph(b, whole):
-    """Expressions into the graph, once all branches have their places."""
+    """Add expressions to the graph, once all branches have their indices."""
 
     def unknown_of(tree):
         return b.node(tree[1]) if tree[0] == "v" else b.unknowns[f"i({tree[1]})"]

@@ -46,7 +46,7 @@ def given_power(device: Device, probes: Probes, state: State, slope: float, shar
 
     `slope` is the excitation's.
 
-    Less what the transducer stores it is the load's power, also over a step in which a pulse
+    Less the transducer's stored energy it is the load's power, also over a step in which a pulse
     empties it: the motion is smooth there, voltage times current is not.
     """
     y, change, places, units = state.y, state.change, probes.places, probes.units

@@ -1,4 +1,4 @@
-"""TR-BDF2 made exact for a linear device at one frequency: its clock runs at another pace.
+"""Frequency pre-warping of TR-BDF2: exact for a linear device at one frequency.
 
 A step of length h misplaces the frequency ω by 0.040 (ωh)² of itself and damps it with a ratio of
 0.018 (ωh)³. Noise does not see that; at 40 steps a period it is half the width of a resonance with
@@ -45,7 +45,7 @@ def tr_bdf2_prewarp_factor(angle: float) -> tuple[float, float]:
 
 @merged
 def retime(tables: Tables, state: State, h: float) -> None:
-    """Set the pace for a step of length h where a line is to be met; at 0 the usual one."""
+    """Set the pre-warping for a step of length h, if a line must be exact; at 0 none."""
     scalars = state.scalars[0]
     if scalars.line > 0.0 and scalars.timed_for != h:
         scalars.timed_for = h

@@ -1,4 +1,4 @@
-"""How a load's stores relax: its small-signal network about what its nodes are on average."""
+"""Relaxation of a load's stores: its small-signal network about the mean node voltages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 # Conductance from every node to ground, in siemens, which gives isolated nodes a voltage. It is a
-# hundredth of what ngspice puts beside a junction.
+# hundredth of ngspice's conductance in parallel with a junction.
 LEAK = 1e-2 * junction.LEAST_CONDUCTANCE
 # A time constant above this share of the leak's own is caused by the leak.
 LEAKS_SHARE = 0.1
@@ -43,13 +43,13 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
     Returns
     -------
     ndarray, shape (len(levels), len(levels))
-        Levels by rates (s): the inverse of the conductances times the capacitances. What nothing
-        discharges keeps its charge. Its eigenvalues are the relaxation times.
+        Levels by rates (s): the inverse of the conductances times the capacitances. A level that
+        nothing discharges keeps its charge. Its eigenvalues are the relaxation times.
 
     Elements that the compiled engine does not take count as blocking.
     """
     b, measurement, _, velocity = collect(ready, whole=False)
-    # The velocity and the ground stand last; they are no part of the load.
+    # The velocity and the ground are last; they are no part of the load.
     ground = velocity + 1
     places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])
     y = np.zeros(ground + 1)
@@ -67,7 +67,7 @@ def slowest_time(ready: Prepared) -> float:
     """The longest time (s) in which a load's resistors charge or discharge its stores; 0 if none.
 
     A store that only a diode leads to has no such time. In a load with switches, transistors or
-    expressions, which carry charge at rates of their own, only the parts across its output count.
+    expressions, which carry charge at other rates, only the parts across its output count.
     """
     load = ready.scene.load.circuit
     if any(
@@ -92,7 +92,7 @@ def slowest_time(ready: Prepared) -> float:
 
 
 def _place(tree, b, ground):
-    """Index of a level's unknown; that of ground if the circuit has no such unknown."""
+    """Index of a level's unknown; the index of ground if the circuit has no such unknown."""
     if tree[0] == "i":
         return b.unknowns.get(f"i({tree[1]})", ground)
     return ground if tree[1] == GROUND else b.unknowns.get(tree[1], ground)

@@ -44,7 +44,7 @@ class Rates(enum.IntEnum):
     KNOWN = 1
 
 
-# The scalars of a state, beside its vectors.
+# The scalars of a state, in addition to its vectors.
 SCALARS = np.dtype(
     [
         ("displacement", np.float64),  # X, scaled
@@ -83,17 +83,17 @@ class State(
 
     Attributes
     ----------
-    code : addresses of the circuit's functions; `address` that of its memory.
-    slots, stride : place in it of the factors kept, and how many numbers each has.
+    code : addresses of the circuit's functions; `address` : address of its memory.
+    slots, stride : index in it of the stored factors, and number of values of each.
     keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
         slot are for; then the next slot and the last; then the δ and states that are looked for.
-    motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
+    motion : index of the velocity in `solution`; `core` (c,) the unknowns there.
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the expression graph.
     jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
-    passing : (k,) what passes 0 where a source jumps, at the step's beginning.
+    passing : (k,) quantities that pass 0 when a source jumps, at the step's beginning.
     scalars : (1,) of `SCALARS`.
     """
 
@@ -148,7 +148,7 @@ def _has_wanted_key(keys: np.ndarray, slot: int) -> bool:
 
 @merged
 def slot_of(tables: Tables, state: State, delta: float) -> int:
-    """The place in the memory of the factors for a step's δ, made if need be."""
+    """Memory index of the factors for a step's δ, computed if need be."""
     keys, closed = state.keys, state.closed
     wanted = SLOTS + 1
     keys[wanted, 0] = delta
@@ -224,7 +224,7 @@ def _near(state, only_motion, smooth):
         moving = position == state.motion
         new = state.y[unknown] + state.solution[position]
         moved = abs(new - state.latest[unknown])
-        # NaN counts as not near, so that the iteration goes on or fails.
+        # NaN counts as not near, so that the iteration continues or fails.
         free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
         settled = settled and moved <= free * max(state.largest[unknown], abs(new))
         state.latest[unknown] = new
@@ -258,7 +258,7 @@ def solve_stage(
         Slot of the factors, from `slot_of`.
     delta, time : float
     x_base : float
-        X less what δ X' adds in the stage.
+        X less the part of δ X' in the stage.
     zone : (bool, float, float, float)
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float

@@ -63,7 +63,7 @@ POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIA
 # LEAST_RESTART: a step after a turn that is as short is accepted whatever its error. SHORTEST: a
 # run that needs a shorter step ends as STUCK. LOCATED: how well the time of a turn is found.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
-# RESTART and LOCATED of a switch that turns by itself, in time constants of what controls it.
+# RESTART and LOCATED of a self-oscillating switch, in time constants of its control.
 TURN_RESTART, TURN_LOCATED = 0.05, 0.01
 # The time of a turn is also found to this share of the step that led across it.
 LOCATED_SHARE = 0.02
@@ -72,11 +72,11 @@ LOCATED_SHARE = 0.02
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
 # A switch that turns more often than this within one step of the grid chatters.
 MOST_SWITCHINGS = 400
-# Times of so many jumps of sources are located within one step of the grid; a source whose jump
-# turns it back at once would ask for ever more.
+# Largest number of jumps of sources that are located within one step of the grid; a source whose
+# jump toggles it back at once would jump endlessly.
 MOST_JUMPS = 20
-# The transducer's energy, against which errors are judged, is averaged over so many steps of the
-# grid. A voltage below this share of one scaled volt counts as that, else errors of a device at
+# Steps of the grid over which the transducer's energy, the reference of errors, is averaged. A
+# voltage below this share of one scaled volt counts as that, else errors of a device at
 # rest would be judged against nothing.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
@@ -86,7 +86,7 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # of the grid's step, jumping in every fourth.
 COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
-# How `advance` ends: with its work done, or why it cannot go on.
+# How `advance` ends: with its work done, or the reason why it cannot continue.
 FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 
@@ -115,7 +115,7 @@ def advance(
     device : Device
         The mechanics, as compiled functions and numbers.
     tables, probes : Tables, Probes
-        The load's network, and where the record's numbers stand in it.
+        The load's network, and the indices of the record's numbers in it.
     state : State
         Changed.
     edges : ndarray
@@ -183,7 +183,7 @@ def advance(
             _restart(scalars, step)
         phase += h
         if h >= bend or (jumps and h >= until):
-            # The next step begins anew as after a switch, but no voltage jumps.
+            # The next step restarts as after a switch, but no voltage jumps.
             scalars.proposed = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
             phase = end
@@ -204,7 +204,7 @@ def advance(
 
 @merged
 def _until_corner(tables, time, step):
-    """Time until the next corner of a source; one that is nearer than rounding is past."""
+    """Time until the next corner of a source; corners within rounding are ignored."""
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     corner = np.inf
     for k in range(tables.sources.shape[0]):
@@ -245,7 +245,7 @@ def _longest(device, tables, state, zone, noise, remaining, step, steps_per_cont
 def _find_step(device, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
     """A step that is short enough for its error, the end of its zone and the switches.
 
-    Returns its length (−1: none is), the new X, the square of its error against what it may be, the
+    Returns its length (−1: none is), the new X, the square of its error over the tolerance, the
     transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
     source jumps.
     """
@@ -323,7 +323,7 @@ def _turn(tables, state, step):
 
 @merged
 def _chattering(tables, state, time, step):
-    """The behavioural source that jumps to and fro at every few of far too short steps, or −1."""
+    """The behavioural source that toggles within every few far too short steps, or −1."""
     scalars, jumps = state.scalars[0], state.jumps
     worst = 0
     for k in range(jumps.shape[0]):
@@ -396,14 +396,14 @@ def _set_sources(tables, state, time, noise, delta):
 
 @merged
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, located):
-    """Try a step of length h from the state; its change stands in `state.change`.
+    """Try a step of length h from the state; its change is stored in `state.change`.
 
     Returns
     -------
     bool, float, float, float, float
         Whether Newton's iterations converged, the energy of the step's error, the energy that a
         step of backward Euler moves from part to part (0 for other steps), the new X, and the error
-        of what controls the switches over what it may be.
+        of the switches' controls over the tolerance.
     """
     y, scalars, code, memory = state.y, state.scalars[0], state.code, state.address
     n, row_unit = y.size, probes.units[4]
@@ -463,7 +463,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
 
 @compiled
 def _leaves(low, high, x, v, x1, v1, h):
-    """Into which neighbouring zone a step leads (−1, 0, 1), and after which share of its length."""
+    """Neighbouring zone that a step enters (−1, 0, 1), and the share of the step until then."""
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1

@@ -1,4 +1,4 @@
-"""Switches with hysteresis: when one turns within a step, and how well its control is known."""
+"""Switches with hysteresis: switching times within a step, and errors of their controls."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from harvester.base.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
-# ringing behind a diode's breakdown was a fifth too deep.
+# ringing after a diode's breakdown was a fifth too deep.
 CONTROL_TOLERANCE = 0.001
-# Allowed error of the charges and fluxes of a load that oscillates by itself, as a share of their
+# Allowed error of the charges and fluxes of a self-oscillating load, as a share of their
 # greatest size: at five times as much, the mean square of a relaxation was 0.6 % too large. Sizes
 # below LEAST_OWN of the greatest voltage or current are raised to that, so that rounding is not
 # followed.
@@ -83,7 +83,7 @@ def turn(tables: Tables, state: Any) -> None:
 def missed_self_oscillation(tables: Tables, state: Any) -> float:
     """Largest error of a self-oscillating load's charges and fluxes, over its tolerance.
 
-    It has a tolerance of its own, since its energy may be a millionth of the device's.
+    It has a separate tolerance, since its energy may be a millionth of the device's.
     """
     sizes, greatest = (0.0, 0.0), 0.0
     for k in range(tables.own.shape[0]):

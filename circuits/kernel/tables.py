@@ -27,7 +27,7 @@ class Tables(
         "zero_crossings retimed nonlinear_rows nonlinear_columns own start",
     )
 ):
-    """Arrays of a circuit with n unknowns; places of unknowns are int64, n stands for ground.
+    """Arrays of a circuit with n unknowns; indices of unknowns are int64, n is ground.
 
     Attributes
     ----------
@@ -41,20 +41,20 @@ class Tables(
         `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
         above which it closes.
     graph : (k, 4) operations, `graph_values` (k,) their constants.
-    behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place in the graph, unknown; `zero_crossings` (k,) places of
-        what passes 0 where one jumps.
+    behavioural : (k, 4) row it adds to, row it takes from, first operation, index of its value;
+        `inputs` (k, 3) which of them, index in the graph, unknown; `zero_crossings` (k,) indices of
+        quantities that pass 0 when one jumps.
     retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents
         that its velocity drives.
-    nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
-    own : (k, 2) unknowns of a load that oscillates by itself which are known to a share of their
+    nonlinear_rows, nonlinear_columns : (n,) whether an element there is nonlinear.
+    own : (k, 2) unknowns of a self-oscillating load, whose tolerance is relative to their
         own size, and 1 for a current.
-    start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
+    start : (2, n) y at the beginning, and its change per volt or ampere of the transducer's state.
     """
 
 
 class Probes(NamedTuple):
-    """Where a record's quantities stand among the unknowns, and their units.
+    """Indices of a record's quantities among the unknowns, and their units.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from circuits.netlist.waveform import Waveform
 
 SINE, PULSE, EXPONENTIAL, LINES = range(4)
-# Numbers of a changing source: sign, its first and last corner, and up to seven of its own.
+# Numbers of a changing source: sign, its first and last corner, and up to seven parameters.
 SIGN, FIRST, LAST = range(3)
 OWN = 3
 COLUMNS = OWN + 7

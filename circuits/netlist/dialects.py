@@ -1,4 +1,4 @@
-"""Expressions of LTspice and PSpice in ngspice's words, and which files may be theirs."""
+"""Expressions of LTspice and PSpice in ngspice's syntax, and detection of their files."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _MARKS = {
     ),
     PSPICE: re.compile(r"^\.model \S+ [vi]switch|\bstp\(|\bvalue ?\{"),
 }
-# Matches the expressions of a card: in braces, or behind `i=` or `v=` of a B source.
+# Matches the expressions of a card: in braces, or after `i=` or `v=` of a B source.
 _EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
 
 
 class _Foreign(Parser):
-    """LTspice's and PSpice's: what is true lies above 0.5, ^ is exclusive or."""
+    """Operators of LTspice and PSpice: values above 0.5 are true, ^ is exclusive or."""
 
     tightness: Mapping[str, int] = {**TIGHTNESS, "&&": 0, "&": 0, "|": 0, "^": 0}
     negations = ("!", "~")
@@ -86,7 +86,7 @@ def _size(base, exponent):
 
 
 def in_ngspices_words(text: str, dialect: str) -> str:
-    """An expression of a file of this dialect as ngspice is to read it.
+    """An expression of a file of this dialect in ngspice's syntax.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def ambiguity(cards: Iterable[Card]) -> str:
         for where, text in unlike if words else ():
             return (
                 f"{where}: {text[:60]} is read as ngspice has it, and means something else to "
-                f"{dialect}, whose {words[0][:20]!r} the file has: say * dialect: {dialect} or "
+                f"{dialect}, whose {words[0][:20]!r} the file has: add * dialect: {dialect} or "
                 "* dialect: ngspice in it"
             )
     return ""

@@ -1,4 +1,4 @@
-"""The frozen tree that a load is read to: its elements with numbers, full names and places."""
+"""The frozen tree of a load: its elements with numbers, full names and file lines."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from circuits.netlist.expression import Tree, currents_in, nodes_in
 from circuits.netlist.waveform import Waveform
 
-# What a refused current's message advises.
+# Advice in the message on a refused current.
 AMMETER = (
-    "SPICE knows the currents of V, E, H, L and of B with v= alone; for another element, insert a "
+    "SPICE computes currents of V, E, H, L and of B with v= alone; for another element, insert a "
     "source of 0 V in series (V1 a b 0) and use i(V1)"
 )
 
@@ -35,12 +35,12 @@ class Element(NamedTuple):
     ----------
     letter : its kind.
     name : the calls on the way to it and its own, "xbridge.dupper".
-    nodes : names of nodes; those of the load's pins are the pins' own.
+    nodes : names of nodes; at the load's pins the names of the pins.
     where : "file:line".
     value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
         a controlled source its gain, of a constant source V or A.
-    numbers : what else the element says, "m" and "ic" among it.
-    model, wave, expression : of what has one; its expression is in volts, amperes or seconds.
+    numbers : other parameters of the element, such as "m" and "ic".
+    model, wave, expression : if it has one; its expression is in volts, amperes or seconds.
     controls : full names of the sources or coils that control it.
     flags : "on" or "off".
     voltage : whether an expression or a gain sets a voltage, not a current.
@@ -65,12 +65,12 @@ class Element(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Its name and where it stands, for messages: "name (file:line)"."""
+        """Name and location for messages: "name (file:line)"."""
         return f"{self.name} ({self.where})"
 
     @property
     def written_letter(self) -> str:
-        """The letter in its file, where what it is made of is another element here."""
+        """The letter in its file, if it is represented by another element here."""
         return self.name.rpartition(".")[2][0]
 
     @property
@@ -115,7 +115,7 @@ class Element(NamedTuple):
 
     @property
     def size(self) -> float | None:
-        """Ω, F or H of all that lie side by side; None where an expression says it."""
+        """Ω, F or H of all parallel elements; None if an expression gives it."""
         if self.value is None or not self.many:
             return None
         return self.value * self.many if self.letter == "c" else self.value / self.many

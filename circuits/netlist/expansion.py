@@ -1,8 +1,8 @@
 """Counts the elements and characters of a load with its calls and functions expanded, before
 ngspice does so.
 
-ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
-place of each X: a few lines can stand for more than any machine holds.
+ngspice replaces each call of a function by its text and each X by its sub-circuit's cards:
+a few lines can expand to more than any machine holds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
 
 
 class Length(NamedTuple):
-    """Characters that a text expands to: `own`, and `share` times those of its arguments."""
+    """Characters that a text expands to: `own`, and `share` times its arguments' characters."""
 
     own: int = 0
     share: int = 0
@@ -46,7 +46,7 @@ class Length(NamedTuple):
 
 
 class Expansion:
-    """Counts what a file's sub-circuits expand to; each is looked at once.
+    """Counts the elements that a file's sub-circuits expand to; each is visited once.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Expansion:
     Raises
     ------
     NetlistError
-        Of every method: what is too large, with file and line.
+        Raised by every method: the part that is too large, with file and line.
     """
 
     def __init__(self, root: Subcircuit) -> None:
@@ -117,7 +117,7 @@ class Expansion:
         return total
 
     def _add_definitions(self, circuit):
-        """Count the definitions of a file, and the text that each function stands for."""
+        """Count the definitions of a file, and the expanded text of each function."""
         self._definitions += len(circuit.parameters) + len(circuit.local) + len(circuit.models)
         self._definitions += len(circuit.functions) + len(circuit.inner)
         if self._definitions > MOST_DEFINITIONS:
@@ -151,7 +151,7 @@ class Expansion:
 
     def _length(self, text, circuit, arguments=(), calling=()):
         """Length of a text with every call in it expanded."""
-        # For each open parenthesis: its function, the text before it, and what is inside.
+        # For each open parenthesis: its function, the text before it, and the text inside.
         opened, length = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):

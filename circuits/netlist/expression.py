@@ -28,7 +28,7 @@ CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
 ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
 
 
-# Functions made of others: LTspice's and PSpice's words, and those of ngspice's .param.
+# Functions composed of others, of LTspice, PSpice and ngspice's .param.
 _MADE: dict[str, tuple[int, Callable]] = {
     "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
     "u2": (1, lambda x: ("min", ("max", x, ZERO), ONE)),
@@ -45,7 +45,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
 }
 # The names among them that ngspice lacks, or gives another meaning.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
-# Functions of other SPICEs without an equivalent here, and what to write instead.
+# Functions of other SPICEs without an equivalent here, and their replacements.
 ELSEWHERE = {
     "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
     "atan2": "atan(y/x), the quadrant by a condition",
@@ -110,7 +110,7 @@ class Parser:
         return self.tokens[self.place][1]
 
     def take(self) -> tuple[str, str]:
-        """The next piece, kind and text; the one behind it is next."""
+        """Return the next token, kind and text, and advance."""
         self.place += 1
         return self.tokens[self.place - 1]
 
@@ -181,7 +181,7 @@ class Parser:
         return tree
 
     def atom(self) -> Tree:
-        """A number, a name, a call, a voltage or current, or what stands in parentheses."""
+        """A number, a name, a call, a voltage or current, or an expression in parentheses."""
         kind, text = self.take()
         if kind == "number":
             return ("number", _number(text))
@@ -339,7 +339,7 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
 
 
 def replaced(tree: Tree, change: Callable[[Tree], Tree]) -> Tree:
-    """A tree with each of its leaves replaced by what `change` makes of it."""
+    """A tree with each of its leaves replaced by `change(leaf)`."""
 
     def made(node: Tree, parts: list[Tree]) -> Tree:
         return (*node[: len(node) - len(parts)], *parts) if parts else change(node)
@@ -379,7 +379,7 @@ def is_constant(tree: Tree) -> bool:
 
 
 def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
-    """Refuse an expression with names or functions that mean nothing, or calls that do not fit.
+    """Raise for an expression with undefined names or functions, or wrong calls.
 
     Parameters
     ----------
@@ -434,12 +434,12 @@ def _unknown(name):
 
 
 class Names(NamedTuple):
-    """How the names and functions of an expression are looked up.
+    """Look-up of an expression's names and functions.
 
     Attributes
     ----------
     name : gives the tree of a name.
-    function : gives (arguments, tree, look-up of its own functions) of a file's function, or None.
+    function : gives (arguments, tree, look-up of local functions) of a file's function, or None.
     parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
         varies.
     """
@@ -477,7 +477,7 @@ def _called(name, arguments, names):
             raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
         bindings = dict(zip(formal, arguments, strict=True))
 
-        # ngspice puts a function's text in the place of its call: other names are the caller's.
+        # ngspice replaces a call by the function's text: other names are the caller's.
         def within(name):
             return bindings[name] if name in bindings else names.name(name)
 
@@ -541,7 +541,7 @@ def written(
     ----------
     tree : tuple
     node, source : callable
-        How a node and a source are spelt.
+        Functions that spell a node and a source.
     dialect : str
         "ngspice" or "ltspice".
     """

@@ -31,9 +31,9 @@ class ExpressionGraph:
         self.values: list[float] = []
 
     def add(self, tree: Tree, unknown_of: Callable) -> int:
-        """Append a tree; returns the place of its value.
+        """Append a tree; returns the index of its value.
 
-        `unknown_of` gives the place of ("v", node) or ("i", source) among the unknowns; −1: ground.
+        `unknown_of` gives the index of ("v", node) or ("i", source) among the unknowns; −1: ground.
 
         Raises
         ------

@@ -23,7 +23,7 @@ def outermost(root: Subcircuit, name: str, given: dict[str, float]) -> Scope:
 
 
 def elements(scope: Scope) -> Iterator[Element]:
-    """All elements of a sub-circuit and of what it calls, in order.
+    """All elements of a sub-circuit and of the sub-circuits it calls, in order.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class _ScopedLine:
         self.controls = tuple(map(scope.element, line.controls))
 
     def refuse(self, fault: str) -> NoReturn:
-        """Raise NetlistError with the place."""
+        """Raise NetlistError with file and line."""
         refuse(self.line.card, f"{self.name}: {fault}")
 
     def numbers(self) -> dict[str, float]:
@@ -153,7 +153,7 @@ def _switch(part):
 
 
 def _source(part):
-    """A constant, or a waveform; what the small-signal analysis takes does not count."""
+    """A constant, or a waveform; small-signal parameters (ac) do not count."""
     values, waves, numbers = part.line.values, part.line.waves, part.numbers()
     if len(waves) > 1:
         part.refuse(f"two waveforms, {waves[0][0]} and {waves[1][0]}: keep one")

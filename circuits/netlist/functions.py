@@ -117,7 +117,7 @@ def folded(name: str, arguments: list[float]) -> float:
 
 
 def divisor(b: float) -> float:
-    """The divisor that ngspice uses in place of b: moved away from 0."""
+    """The divisor that ngspice uses instead of b: moved away from 0."""
     return b + LEAST_DIVISOR if b >= 0.0 else b - LEAST_DIVISOR
 
 
@@ -138,7 +138,7 @@ slope = _function("slope", "a, b, result", [", ".join(o.slopes) for o in _OPERAT
 
 # Functions of this module that compiled code calls.
 COMPILED = (divisor, value, slope)
-# Names of constants. What changes with time is not among them.
+# Names of constants. Quantities that change with time are not among them.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,
     "planck": 6.62607004e-34, "c": 2.99792458e8, "kelvin": -273.15, "temper": 27.0,

@@ -28,13 +28,13 @@ PINS = (*PIEZO_PINS, *OUTPUT_PINS)
 # stray .ends with their lines. Other statements control a simulator's run.
 KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else", ".elseif", ".endif")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
-# LTspice's parasitic parts within a part. Elements take their place.
+# LTspice's parasitic parts within a part. They become separate elements.
 _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 
 
 class Imported(NamedTuple):
-    """A load's statements, each with its place in the schematic's netlist, and what was rewritten
-    for it, one line each."""
+    """A load's statements, each with its line in the schematic's netlist, and notes on the
+    rewritten ones, one line each."""
 
     cards: tuple[Card, ...]
     rewritten: tuple[str, ...]
@@ -68,9 +68,9 @@ def imported(
     name : str
         Name of the sub-circuit.
     nodes : sequence of str
-        The harvester's two, then the output's two where there is one.
+        The harvester's two nodes, then the output's two if there is an output.
     remove : sequence of str
-        Elements that stand for the harvester, beside the sources between its nodes.
+        Elements that represent the harvester, in addition to the sources between its nodes.
     file : str
         Name of the netlist's file, for messages.
 
@@ -93,7 +93,7 @@ def imported(
         for part in topology.parts
         if part.letter in "vi" and {*map(_key, part.ends)} == {*nodes[:2]}
     }
-    notes += [f"{part_name}: removed, the harvester takes its place" for part_name in sorted(gone)]
+    notes += [f"{part_name}: removed, the harvester replaces it" for part_name in sorted(gone)]
     _check_ground(topology, pins)
     currents = _currents(topology, gone)
     functions: list[str] = []
@@ -128,12 +128,11 @@ def imported(
         depth -= depth and first == ".ends"
     _check_functions(topology, functions)
     notes += [
-        f".func {function}: its voltages and currents are those of the load"
-        for function in functions
+        f".func {function}: its voltages and currents belong to the load" for function in functions
     ]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
-            notes.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
+            notes.append(f"{part.name}: is kept as a source of the load: --remove it if it drives")
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
         # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
@@ -194,7 +193,7 @@ def _renamed(node, pins):
 
 
 def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
-    """Elements of all sub-circuits, each with the name of its own."""
+    """Elements of all sub-circuits, each with its sub-circuit's name."""
     for inner in topology.inner.values():
         yield from ((inner.name, part) for part in inner.parts)
         yield from _within(inner)
@@ -218,9 +217,7 @@ def _currents(topology, gone):
     for part in topology.parts:
         name = part.name.lower()
         if name in gone:
-            expressions[name] = (
-                f"I({part.name}): {part.name} is removed: the harvester takes its place"
-            )
+            expressions[name] = f"I({part.name}): {part.name} is removed: the harvester replaces it"
         elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
             expressions[name] = (part.ends, part.value.strip("{}"))
         elif part.letter not in "vehl":
@@ -232,7 +229,7 @@ def _currents(topology, gone):
 
 
 def _check_functions(topology, functions):
-    """Refuse a rewritten function that a sub-circuit calls: there its nodes are that one's."""
+    """Raise if a sub-circuit calls a rewritten function: its nodes have other names there."""
     for name, part in _within(topology):
         for function in functions:
             if re.search(rf"(?i)\b{re.escape(function)}\s*\(", part.value):
@@ -274,7 +271,7 @@ def _element(
         count = 4
     nodes = [_renamed(node, pins) for node in words[1 : 1 + count]]
     remainder = " ".join(words[1 + count :])
-    # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
+    # Parentheses of V and I sources contain a waveform; in other elements V(…) and I(…) are
     # measured.
     if letter not in "vi":
         asked = [names[0] for kind, names in solutions(remainder) if kind == "i"]
@@ -287,7 +284,7 @@ def _element(
     for key, value in within:
         parasitic = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):
-            raise NetlistError(f"{name}: {key}= of such a part: write it as an element of its own")
+            raise NetlistError(f"{name}: {key}= of such a part: write it as a separate element")
         said.append(f"{name}: {key}={value} is the element {parasitic}")
         if key.endswith("ser"):
             yield f"{parasitic} {nodes[1]}_{name} {nodes[1]} {value}"

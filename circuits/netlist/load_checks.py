@@ -1,4 +1,4 @@
-"""Whether what a load's file says is a circuit: its needs, couplings, resistances, nodes named."""
+"""Checks that a load's file is a circuit: conditions, couplings, resistances, named nodes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # Largest value of a part. Powers of larger ones leave the range of numbers.
 LARGEST_VALUE = 1e30
-# Largest energy (J) of a store at 1 V or 1 A, or at its ic. Rounding of a larger one hides what a
-# harvester adds to it.
+# Largest energy (J) of a store at 1 V or 1 A, or at its ic. Rounding of a larger one hides the
+# energy that a harvester adds to it.
 LARGEST_ENERGY = 1e9
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
@@ -57,7 +57,7 @@ def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, 
 
 
 def check_needs(scope: Scope) -> None:
-    """Refuse values that a sub-circuit says it is not made for.
+    """Raise for values that violate the conditions (`* needs:`) of a sub-circuit.
 
     Raises
     ------
@@ -98,8 +98,8 @@ def _check_sizes(parts):
         if part.letter in "cl" and energy > LARGEST_ENERGY:
             _refuse(
                 part,
-                f"{energy:.2g} J: above {LARGEST_ENERGY:g} J rounding hides what the harvester "
-                "adds; write a voltage or a current source",
+                f"{energy:.2g} J: above {LARGEST_ENERGY:g} J rounding hides the energy that the "
+                "harvester adds; write a voltage or a current source",
             )
         size = part.size if part.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:

@@ -1,4 +1,4 @@
-"""A load that was read: its elements, and what follows from them alone."""
+"""A load that was read: its elements and properties that follow from them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LoadCircuit:
     across_output : tuple of circuits.netlist.elements.Element
         Resistors and capacitors across the output.
     linear, switches : bool
-        Resistors and capacitors only; anything beside them and diodes.
+        Whether it has resistors and capacitors only; whether it has more than these and diodes.
     resistance : float or None
         Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.netlist.measures.Measure
@@ -51,11 +51,11 @@ class LoadCircuit:
     probes : tuple of str
         Nodes, and currents "i(name)", that a waveform is to hold.
     file : str
-        Name of the file that its sub-circuit stands in.
+        Name of the file of its sub-circuit.
     ambiguity : str
         A note on expressions that another SPICE reads otherwise; empty if there are none.
     source : (Path, tuple of circuits.netlist.reader.Card)
-        Its file and the cards that were read there, includes in: what `read_load` takes again.
+        Its file and the cards that were read there, includes in: an argument of `read_load`.
     """
 
     text: str
@@ -88,7 +88,7 @@ class LoadCircuit:
 
     @cached_property
     def self_oscillation(self) -> SelfOscillation:
-        """How it behaves with the device at rest: `circuits.netlist.self_oscillation`."""
+        """Behaviour with the device at rest, see `circuits.netlist.self_oscillation`."""
         return self_oscillation(self.elements)
 
     @cached_property
@@ -140,7 +140,7 @@ class LoadCircuit:
 
     @cached_property
     def levels(self) -> tuple[str, ...]:
-        """Nodes and currents that determine what its stores hold, see `circuits.netlist.stores`."""
+        """Nodes and currents that determine its stored energy, see `circuits.netlist.stores`."""
         return levels_of(self.elements, self.stores)
 
     @property
@@ -172,7 +172,7 @@ class LoadCircuit:
 
     @cached_property
     def coupled(self) -> frozenset[str]:
-        """Nodes of what can exchange energy with its pins, see `circuits.netlist.supplies`."""
+        """Nodes of elements that exchange energy with its pins, see `circuits.netlist.supplies`."""
         return coupled(self.elements)
 
     @cached_property

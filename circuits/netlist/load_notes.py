@@ -17,14 +17,14 @@ LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
 # hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
 LEAST_TURN = 1e-8
 # Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
-# one switch behind a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
+# one switch after a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
-# A note states the cost of a realization if it takes either engine more than so many seconds.
+# Run time of a realization by either engine, in seconds, above which a note states it.
 LONG = 60.0
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """Notes on values that the reader may have understood otherwise than their writer."""
+    """Notes on ambiguous values."""
     notes = [
         f"{element.place} is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
@@ -43,7 +43,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
             unit = "F" if element.letter == "c" else "Ω"
             notes.append(
                 f"{element.place} across the output is {element.size:g} {unit}: "
-                "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
+                "in SPICE F after a number is femto and M is milli; a farad has no letter, "
                 "a million is meg"
             )
     notes += [
@@ -55,7 +55,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     ]
     if load.self_oscillation.unknown:
         notes.append(
-            "whether the load oscillates by itself is not known "
+            "whether the load is self-oscillating is unknown "
             f"({load.self_oscillation.unknown}): compare with shorter steps"
         )
     return tuple(notes)
@@ -115,7 +115,7 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     motion = load.self_oscillation
     if motion.turn < LEAST_TURN * step:
         raise LoadError(
-            f"{motion.switch} turns by itself, and its control follows within {motion.turn:.2g} s: "
+            f"{motion.switch} toggles endlessly; its control follows within {motion.turn:.2g} s: "
             f"steps of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
         )
 

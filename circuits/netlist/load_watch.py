@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from circuits.netlist.elements import Element
     from circuits.netlist.load_circuit import LoadCircuit
 
-# Transistors and behavioural sources change their currents by a law of their own, at any time.
+# Transistors and behavioural sources may change their currents at any time.
 _JUMPING = frozenset("bqjm")
 
 
@@ -27,7 +27,7 @@ class Watch(NamedTuple):
     ----------
     unknowns : tuple of str
         A node's full name, "i(name)" or ground, two for each switch and then two for each
-        capacitor and coil: what counts is the first less the second (V or A).
+        capacitor and coil: the level is the first less the second (V or A).
     switches : tuple of (float, float, bool)
         Control above which each closes, that below which it opens, whether it is closed at first.
     stores : tuple of (float, bool)
@@ -35,11 +35,11 @@ class Watch(NamedTuple):
     pins : tuple of str
         Nodes at the load's pins.
     jumps : bool
-        Whether a part may change its current without notice, a source has a waveform of its own,
-        the load oscillates by itself, or a value is no number or not positive: steps then follow
+        Whether a part may change its current without notice, a source has a waveform,
+        the load is self-oscillating, or a value is no number or not positive: steps then follow
         the local error, and of the unknowns only the switches' are watched.
     turn : float
-        Shortest time constant of what controls a switch that turns by itself (s).
+        Shortest time constant of the control of an endlessly toggling switch (s).
     """
 
     unknowns: tuple[str, ...] = ()

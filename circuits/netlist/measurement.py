@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from circuits.netlist.measures import Measure
     from circuits.netlist.scope import Scope
 
-# A power that jumps is evaluated at this number of places within each step, an even one.
+# A power that jumps is evaluated at this even number of times within each step.
 JUMP_PLACES = 32
 # Letters of diodes, switches and transistors, which part the two sides of a rectifier.
 _RECTIFYING = "dswqmj"
@@ -57,7 +57,7 @@ class Measurement:
     pins : tuple of str
         Watched nodes that are pins of the load.
     energy : ndarray
-        What the load stores (J), as a quadratic form of the first levels.
+        Energy stored in the load (J), as a quadratic form of the first levels.
     """
 
     rows: tuple[tuple[str, str], ...] = ()
@@ -106,8 +106,8 @@ class Measurement:
         ndarray, shape (measures, n)
             Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
             expression has no value. A power that jumps, such as floor(v(p,n)), is its mean from the
-            middle of one step to that of the next, the unknowns being interpolated: its trapezoidal
-            integral holds every jump at its own time.
+            middle of one step to the middle of the next, the unknowns being interpolated: its
+            trapezoidal integral holds every jump at its own time.
         """
         if not self._measures:
             return np.empty((0, time.size))
@@ -175,9 +175,9 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
 
 
 def energy_of(load: LoadCircuit) -> np.ndarray:
-    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
+    """Energy of the capacitors and coils of a load (J), as a quadratic form of its levels.
 
-    Elements whose value is an expression are left out, and those of logic signals.
+    Elements whose value is an expression, and elements of logic signals, are left out.
     """
     held = {store.name: weights(store, load.levels) for store in load.stores}
     sizes = {

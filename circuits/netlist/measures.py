@@ -30,7 +30,7 @@ class Measure(NamedTuple):
 
     Attributes
     ----------
-    kind : a power given to what the load is for ("output") or lost ("loss"), a stored energy
+    kind : a useful power ("output") or a lost one ("loss"), a stored energy
         ("store"), or a condition ("state").
     name : of its quantities.
     expression : in W, J, or true above 0.
@@ -48,12 +48,12 @@ class Measure(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The measure as text, without the place where it stands."""
+        """The measure as text, without its location."""
         return f"{self.kind} {self.name}={self.expression} taking {self.taking}\n"
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of its value, and of what the state takes."""
+        """Kind and name of its value, and of its state's power."""
         key = (self.kind, self.name)
         return (key, (TAKEN, self.name)) if self.taking else (key,)
 

@@ -1,4 +1,4 @@
-"""Numbers as SPICE writes them: suffixes, units behind them, LTspice's 4k7."""
+"""Numbers as SPICE writes them: suffixes, units after them, LTspice's 4k7."""
 
 from __future__ import annotations
 

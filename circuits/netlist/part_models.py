@@ -17,7 +17,7 @@ TEMPERATURE = 27.0
 # ngspice's default length and width of a resistor or capacitor, in metres.
 _EDGE = 10e-6
 _TEMPERATURES = {"tc", "tc1", "tc1r", "tc2", "tc2r", "tce", "tnom"}
-# Parameters of a resistor's, capacitor's or coil's model. Those of noise and limits have no effect
+# Parameters of a resistor's, capacitor's or coil's model. Noise and limits have no effect
 # in a run.
 _NOISE = {"kf", "af", "lf", "wf", "ef", "bv_max"}
 _DIODE = (
@@ -40,8 +40,8 @@ KNOWN = {
 ELSEWHERE = {
     "level": "level=2 is LTspice's switch with a limit of current: write a B source",
     "ilimit": "it belongs to LTspice's switch: write a B source",
-    "lser": "it belongs to LTspice's switch: write an element of its own",
-    "vser": "it belongs to LTspice's switch: write an element of its own",
+    "lser": "it belongs to LTspice's switch: write a separate element",
+    "vser": "it belongs to LTspice's switch: write a separate element",
     "td": "it belongs to PSpice's switch: delay the control by R and C",
 }
 # Other names of diode parameters.
@@ -87,7 +87,7 @@ def size(
     if nominal is None:
         nominal = _by_model(letter, model, numbers)
     if nominal is None:
-        raise ExpressionError("it has no value: write one behind its nodes, or name a model")
+        raise ExpressionError("it has no value: write one after its nodes, or name a model")
     temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
     warmer = temperature - model.get("tnom", TEMPERATURE)
     first = _first_of(numbers, model, "tc1", "tc", "tc1r")

@@ -1,4 +1,4 @@
-"""Values of a load's parts: which can deliver energy, and what lies across the output."""
+"""Values of a load's parts: sources of energy, and elements across the output."""
 
 from __future__ import annotations
 

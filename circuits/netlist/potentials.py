@@ -1,4 +1,4 @@
-"""Voltages that a load's sources set by themselves: exactly, at any time, and at the start."""
+"""Voltages that a load's sources determine alone: at any time, and at the start."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def has_tree(wave: Waveform) -> bool:
 
 
 def wave_tree(wave: Waveform) -> Tree:
-    """A waveform as an expression of the time; what it holds between its corners is exact."""
+    """A waveform as an expression of the time; exact between its corners."""
     n = [("number", value) for value in wave.numbers]
     time: Tree = ("time",)
     if wave.kind == "pwl":
@@ -145,7 +145,7 @@ def _lines(numbers, time):
 def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     """Controls below which a switch opens and above which it closes, apart from rounding.
 
-    With a hysteresis a control that stands exactly at an end of it changes nothing. Without one
+    With a hysteresis a control that is exactly at an end of it changes nothing. Without one
     ngspice turns the switch when its control arrives at the threshold, from either side.
     """
     low, high = hysteresis(switch.letter, switch.model)

@@ -1,6 +1,6 @@
 """Netlist files as cards: comments, continuation lines and includes resolved, nothing judged yet.
 
-Reads what LTspice and ngspice write. A load from elsewhere is data, so an include stays within the
+Reads netlists of LTspice and ngspice. A load from elsewhere is data, so an include stays within the
 folder of the file that the user named, or is one of this project's own, named without a folder.
 """
 
@@ -27,7 +27,7 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# Comments that this program reads: what is to be measured, what the parameters must fulfil, and the
+# Comments that this program reads: measures, conditions on parameters, and the
 # dialect.
 _SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
 MEASURE, NEEDS, DIALECT = "*measure:", "*needs:", "*dialect:"
@@ -41,13 +41,13 @@ class Card(NamedTuple):
 
 
 def read_cards(path: Path, text: str | None = None) -> list[Card]:
-    """Cards of a netlist file and of what it includes, in order.
+    """Cards of a netlist file and of its includes, in order.
 
     Parameters
     ----------
     path : Path
     text : str, optional
-        What the file is to hold; it is then not read.
+        Content of the file, which is then not read.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
 
 @contextlib.contextmanager
 def _named(place):
-    """Whatever the system says about a file becomes a NetlistError that names it."""
+    """Turn the system's errors about a file into a NetlistError that names it."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
@@ -72,7 +72,7 @@ def _named(place):
 
 
 def read_text(path: Path) -> str:
-    """Contents of a netlist file in whatever encoding such files come.
+    """Contents of a netlist file in any usual encoding.
 
     Raises
     ------
@@ -120,7 +120,7 @@ class _Reader:
         return cards
 
     def _text(self, path, place):
-        """Contents of a file in whatever encoding such files come."""
+        """Contents of a file in any usual encoding."""
         self._files += 1
         if self._files > MOST_FILES:
             raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
@@ -135,8 +135,7 @@ class _Reader:
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(
-                f"{place}: more than {MOST_BYTES // 1000} kB with what it includes: no load's "
-                "netlist"
+                f"{place}: more than {MOST_BYTES // 1000} kB with its includes: no load's netlist"
             )
         return _decoded(content)
 
@@ -153,15 +152,15 @@ def _included(argument, beside, folder, where):
     with _named(shown_place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
-        # Files that the project's own netlists include stand beside them.
+        # Files that the project's own netlists include are in the same folder.
         packaged = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
         if bare and (missing or packaged.parent == beside) and packaged.is_file():
             return packaged
     if outside:
-        raise NetlistError(f"{shown_place}: lies outside the load's folder; copy it beside it")
+        raise NetlistError(f"{shown_place}: lies outside the load's folder: copy it into it")
     if missing:
-        raise NetlistError(f"{shown_place}: no such file beside the load")
+        raise NetlistError(f"{shown_place}: no such file in the load's folder")
     return path
 
 
@@ -170,7 +169,7 @@ def _decoded(content):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
         return content.decode("utf-16-le", errors="replace")
-    # A byte-order mark may stand before text of another encoding, if files were joined.
+    # A byte-order mark may precede text of another encoding, if files were joined.
     content = content.removeprefix(codecs.BOM_UTF8)
     try:
         return content.decode("utf-8")

@@ -1,9 +1,9 @@
-"""Resolves names in each call of a sub-circuit, by ngspice's rules.
+"""Resolution of names in each call of a sub-circuit, by ngspice's rules.
 
 A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
 value given in the call goes before a .param of the sub-circuit, that before the default of its
 .subckt line. Functions, models and sub-circuits are looked for where their user is *defined*,
-outwards. A function's text takes the place of its call, so that its free names are the caller's.
+outwards. A function's text replaces its call, so that its free names are the caller's.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Scope:
     ----------
     circuit : Subcircuit
     given : dict of str to float
-        Values of its parameters, as the call says them.
+        Values of its parameters, as given by the call.
     nodes : mapping of str to str
         Full names of the nodes at its pins.
     path : str
@@ -175,7 +175,8 @@ class Scope:
         Raises
         ------
         ExpressionError
-            A value names what means something else within what is called, where ngspice looks.
+            A value names something that has another meaning inside the called sub-circuit, where
+            ngspice looks.
         """
         values = {key: self.value(text) for key, text in given.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
@@ -186,7 +187,7 @@ class Scope:
         return inside
 
     def _check_given(self, key, text, value):
-        """Refuse a value whose names mean another here: ngspice would take those."""
+        """Raise if names in a value have another meaning here, which ngspice would use."""
         if number(text) is not None:
             return
         own_names = {*self.given, *self.circuit.local, *self.circuit.parameters}

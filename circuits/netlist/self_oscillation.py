@@ -1,8 +1,8 @@
-"""Whether a load oscillates by itself, with the device at rest, and how fast its switches act.
+"""Whether a load is self-oscillating, with the device at rest, and how fast its switches act.
 
 Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
-mode that grows is an oscillator; switches for which no rest state exists turn for ever, at a rate
-set by the time constants of their controls.
+mode that grows is an oscillator; switches for which no rest state exists toggle endlessly, at a
+rate set by the time constants of their controls.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ TAKES_PART = 0.05
 # Two values are equal by cancellation if they differ by less than this share of the largest unknown
 # in all trials with exact parts, and by more in the trials with such errors of the parts.
 CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
-# Loads with more unknowns are not analysed. So many take half a second.
+# Loads with more unknowns are not analysed. This number takes half a second.
 MOST_UNKNOWNS = 300
 
 
 class SelfOscillation(NamedTuple):
-    """What a load does with the device at rest.
+    """Behaviour of a load with the device at rest.
 
     Attributes
     ----------
     oscillates : bool
     turn : float
-        Shortest time constant of what controls a switch that turns for ever (s); infinite if
+        Shortest time constant of the control of an endlessly toggling switch (s); infinite if
         no switch does.
     switch : str
         Name of that switch, as "name (file:line)".
@@ -65,7 +65,7 @@ AT_REST = SelfOscillation()
 
 
 def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
-    """What a load does with the device at rest."""
+    """Behaviour of a load with the device at rest."""
     # Only a source, a gain or a negative part keeps something moving.
     driving = (
         element.delivers
@@ -196,9 +196,9 @@ class _Circuit:
         return matrix
 
     def _storage(self):
-        """Where each capacitor and coil stands, one a column, and their sizes with the mutual ones.
+        """Incidence of each capacitor and coil, one a column, and their sizes with the mutual ones.
 
-        Modes are those of what stores: as many as there are, and none of rounding.
+        There are as many modes as storing elements, and none from rounding.
         """
         names = [*self._stores]
         ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)
@@ -343,7 +343,7 @@ class _Circuit:
         return -1
 
     def _modes(self, y, closed):
-        """Rates of the modes (1/s), and what each moves: all unknowns, and what stores hold."""
+        """Rates of the modes (1/s), and their shapes: all unknowns, and charges of the stores."""
         _, slope = self._currents(y, closed, True)
         moved = np.linalg.solve(slope, self._ends @ self._sizes)
         times, shapes = np.linalg.eig(self._ends.T @ moved)

@@ -1,4 +1,4 @@
-"""A load's changes in time by itself: its jumps, and the steps that follow them.
+"""Time-varying loads: their jumps, and the steps that follow them.
 
 Sources and expressions of the time move whether or not the device does. Both engines ask here how
 long a step may be and where one has to end. The answer comes from the expressions' bounds over
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
 CHANGE, BEND = 0.1, 0.0025
 # A swing below this share of the largest value is rounding.
 ROUNDING = 1e-9
-# A source that still changes after so many halvings of a step of the grid jumps.
+# Halvings of a step of the grid after which a source that still changes counts as a jump.
 HALVINGS = 20
 # Accuracy of an engine's clock, as a share of a step of the grid. A jump at the end of an interval
 # counts as inside it.
 CLOCK = 1e-8
-# So many steps of the grid are examined ahead at a time.
+# Steps of the grid that are examined ahead at a time.
 AHEAD = 64
-# A rise of a pulse that is shorter than this share of the constant parts beside it counts as a
+# A rise of a pulse that is shorter than this share of the adjacent constant parts counts as a
 # jump. Its corners are met by steps; the straight line between them misses 0.4 % of the mean
 # square.
 STEEP = 1.0 / 80.0
-# A source is refused if it needs more than so many steps in one of the grid's, on average over
-# those examined ahead.
+# Largest number of a source's steps within one of the grid's, on average over
+# the steps examined ahead.
 MOST_STEPS = 5000
 
 
@@ -149,9 +149,9 @@ class Steps:
                 break
             if total + low.size > MOST_STEPS * count:
                 raise LoadError(
-                    f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes by itself "
+                    f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes "
                     f"within less than a {MOST_STEPS}th of the device's steps of {self._step:.3g} "
-                    "s: no run can follow; slow it down, or put its mean in its place"
+                    "s: no run can follow; slow it down, or replace it by its mean"
                 )
             middle = 0.5 * (low + high)
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])

@@ -69,7 +69,7 @@ def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
 
 
 def times_of(matrix: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
-    """Relaxation times (s) of the modes that take part in what each store holds.
+    """Relaxation times (s) of the modes that take part in each store's charge.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ from harvester.base.plain_text import nearest
 from harvester.device.terminals import GROUND
 
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
-# Matches suffixes that SPICE and people read differently: M and F.
+# Matches ambiguous suffixes: M and F.
 _MISREAD = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(M(?![eE][gG]|[iI][lL])|F)", re.ASCII)
 _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad")}
 
@@ -100,7 +100,7 @@ def read_load(
     parameters : dict of str to (float or str), optional
         Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
     cards : sequence of Card, optional
-        What was read of the file before: it is not read again.
+        Cards of the file from an earlier reading: it is not read again.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _chosen(root, path, name):
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
         if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
-                f"{path.name}: holds {listed(root.inner)}: say which by load.subcircuit"
+                f"{path.name}: holds {listed(root.inner)}: choose one by load.subcircuit"
             )
     if name.lower() not in root.inner:
         raise NetlistError(
@@ -187,7 +187,7 @@ class UnknownParameter(NetlistError):
 
 
 def _override(root, top, given, path):
-    """Put the user's values in; those of the sub-circuit's own parameters are returned."""
+    """Insert the user's values; return the values of the sub-circuit's parameters."""
     values = {}
     existing = {**root.local, **top.local, **top.parameters}
     for key, value in given.items():
@@ -217,7 +217,7 @@ def _override(root, top, given, path):
 
 
 def _vet(circuit):
-    """Judge every card of a sub-circuit and of those within it, in place."""
+    """Check every card of a sub-circuit and of nested ones, and replace it in the list."""
     scope = circuit.scope()
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():

@@ -1,7 +1,8 @@
 """Sources within a load that may deliver energy from nothing, and the power that each takes.
 
-A converter is often a pair of sources, of which one takes what the other delivers. Sources that
-depend on each other's ends, or of which one depends on the other's current, count together.
+A converter is often a pair of sources, one of which takes the power that the other delivers.
+Sources that depend on each other's ends, or of which one depends on the other's current, count
+together.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ _PINS = frozenset({"p", "out"})
 def supplies_of(
     elements: Sequence[Element], coupled_nodes: Collection[str], measures: Iterable[Measure]
 ) -> tuple[Measure, ...]:
-    """The power that each group of sources of a load takes, as measures of its own kinds.
+    """The power that each group of sources of a load takes, as measures of special kinds.
 
-    A constant voltage source stores what it takes, as a battery does, unless a measure of the file
-    counts its current as an output or a loss.
+    A constant voltage source stores its energy input, as a battery does, unless a measure of the
+    file counts its current as an output or a loss.
     """
     sources = {element.name: element for element in elements if _may_supply(element)}
     booked = {
@@ -93,7 +94,7 @@ def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
 def coupled(parts: Sequence[Element]) -> frozenset[str]:
     """Nodes of the elements that can exchange energy with a load's pins.
 
-    Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
+    Elements that meet the others in one node alone, as in a logic signal, cannot, unless
     a converter's sources feed them and others take from them.
     """
     islands = joined({*part.ends} - COMMON for part in parts)
@@ -140,7 +141,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
     reached: dict[str, set[str]] = {}
     for name, part in sources.items():
         nodes, currents = {*part.controlling} - {*part.nodes[:2]}, {*part.currents}
-        # The current of an ammeter or a coil is that of the sources around it.
+        # The current of an ammeter or a coil equals the current of the sources around it.
         around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}

@@ -1,4 +1,4 @@
-"""Which comparisons of a load make a current or voltage jump when what they compare passes."""
+"""Comparisons of a load that make a current or voltage jump when they change."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from circuits.netlist.bounds import of_time_alone
 from circuits.netlist.expression import ExpressionError, Tree, leaves, unknowns_in
 from harvester.device.terminals import GROUND
 
-# An expression is examined on so many lines through the space of voltages and currents, with values
-# between these powers of ten. A turn on a line is located by so many halvings.
+# Lines through the space of voltages and currents on which an expression is examined, with values
+# between these powers of ten, and halvings that locate a sign change on a line.
 LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
 # The values on both sides of a turn differ by a jump if their difference exceeds this share of the
 # values at the line's ends.
@@ -24,7 +24,7 @@ ROUNDING = 1e-9
 
 @functools.lru_cache(maxsize=4096)
 def zero_crossings(tree: Tree) -> tuple[Tree, ...]:
-    """Expressions that cross 0 where this one jumps; those of the time alone are left out."""
+    """Expressions that cross 0 where this one jumps; functions of time alone are left out."""
     differences = dict.fromkeys(passed for passed in _passed(tree) if not of_time_alone(passed))
     return tuple(difference for difference in differences if _jumps(tree, difference))
 

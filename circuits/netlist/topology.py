@@ -13,7 +13,7 @@ from harvester.base.errors import NetlistError
 GROUND = "0"
 # Letters of elements whose third and fourth nodes control them and carry no current.
 CONTROLLED_BY_NODES = ("e", "g", "s")
-# Matches PSpice's controlling nodes in parentheses, behind an element's own two.
+# Matches PSpice's controlling nodes in parentheses, after an element's own two.
 _PAIR = re.compile(r"(?i)^([eg]\S*\s+\S+\s+\S+\s+)\(\s*([^(),\s]+)[\s,]+([^(),\s]+)\s*\)")
 # Letters of transistors. Current flows from the first node to the third: drain or collector, gate
 # or base, source or emitter. A bulk or substrate may follow.
@@ -170,7 +170,7 @@ def read_part(card: Card) -> Part:
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
-    # Behind a fourth node of a transistor stands its model's name, else a number, a pair or "off".
+    # A transistor's fourth node is followed by its model's name, else by a number, a pair or "off".
     following = words[2 + count : 3 + count] if letter in ("m", "q") else []
     if any("=" not in w and re.match(r"(?!off$)[a-z_]", w.lower()) for w in following):
         count += 1

@@ -15,8 +15,8 @@ from circuits.netlist.vetting import Visible, check_nodes, listed, refuse
 # Deepest nesting of definitions.
 DEEPEST_DEFINITION = 20
 _INSTEAD = {
-    ".ic": " (write ic= behind the capacitor or coil)",
-    ".title": " (write the title behind *)",
+    ".ic": " (write ic= after the capacitor or coil)",
+    ".title": " (write the title after *)",
     ".global": " (give the sub-circuits a pin for it)",
 }
 # Matches a comma in front of the next `name=`, which is not one between a function's arguments.
@@ -43,7 +43,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Visible:
-        """The names that are visible here, including those of the definitions around it."""
+        """The names that are visible here, including the enclosing definitions'."""
         around = self.around()
         parameters = (values for c in around for values in (c.local, c.parameters))
         return Visible(

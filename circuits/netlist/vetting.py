@@ -1,4 +1,4 @@
-"""Checks that a load's netlist holds only what is allowed; all else is refused in one line.
+"""Checks that a load's netlist holds only allowed elements; others raise in one line.
 
 A netlist from elsewhere is data. Nothing in it may run a program, touch a file, reach a node of
 the device, or stop ngspice's process; what LTspice writes and ngspice would silently ignore or
@@ -27,7 +27,7 @@ MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
     "vswitch", "iswitch",
 }  # fmt: skip
-# Facts from data sheets that LTspice writes beside a model or a part. They have no effect.
+# Facts from data sheets that LTspice adds to a model or a part. They have no effect.
 FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
 VDMOS_FACTS = {"vds", "ron", "qg"}
 # Parameters of LTspice's idealised diode. ngspice would ignore them.
@@ -49,7 +49,7 @@ SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
 WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
 FLAGS = {"on", "off", "nchan", "pchan"}
-# For each element's letter its number of nodes, and what follows them.
+# For each element's letter its number of nodes, and the words after them.
 ELEMENTS = {
     "r": (2, "value"), "c": (2, "value"), "l": (2, "value"), "k": (0, "coupling"),
     "d": (2, "model"), "q": (3, "model"), "j": (3, "model"), "m": (3, "model"),
@@ -70,7 +70,7 @@ LONGEST_FAULT = 300
 # Matches a pair name=value, whose value may be an expression in braces.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
 _QUOTED_FACT = re.compile(rf'\s*\b({"|".join(sorted(FACTS))}) ?= ?"[^"]*"')
-# Matches both coefficients of temperature behind one key.
+# Matches both coefficients of temperature after one key.
 _TWO_COEFFICIENTS = re.compile(
     r" tc=(\{[^{}]*\}|[^\s,={}]+)(?: ?, ?| )(\{[^{}]*\}|[-+.\d][^\s=]*)(?= |$)"
 )
@@ -79,7 +79,7 @@ _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
 class Visible(NamedTuple):
-    """Names that mean something where a card stands."""
+    """Names that are defined at a card's position."""
 
     parameters: Mapping
     functions: Mapping
@@ -134,7 +134,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def refuse(card: Card, fault: str) -> NoReturn:
-    """Raise NetlistError with the place and the fault, as much of it as one line takes."""
+    """Raise NetlistError with file, line and fault, shortened to one line."""
     end = " …" if len(fault) > LONGEST_FAULT else ""
     raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
@@ -154,7 +154,7 @@ def tidy(card: Card) -> Card:
     if re.search(r"(?<!\w)(file|pwlfile)\s*=|(?<!\w)wavefile", text):
         refuse(card, "file= is not accepted: a load reads no files")
     if '"' in text:
-        refuse(card, "a double quote has no place in a load but around an included file's name")
+        refuse(card, "a double quote is allowed around an included file's name alone")
     text = re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
     return Card(_joined_braces(card, text), card.where)
 
@@ -178,7 +178,7 @@ def joined(card: Card, expression: str) -> str:
         words = {before, after} & {"and", "or", "not"}
         if words:
             refuse(card, f"{min(words)}: write && for and, || for or, ! for not")
-        # A blank may stand between a function and its arguments.
+        # A blank may separate a function and its arguments.
         if before[-1] == ")" or after[0] != "(":
             refuse(card, f"an operator is missing between {before[:40]!r} and {after[:40]!r}")
     return expression.replace(" ", "")
@@ -300,7 +300,7 @@ def vet_element(card: Card, scope: Visible) -> Line:
 
 
 def check_form(card: Card, name: str, words: list[str]) -> None:
-    """Refuse an element of a letter that no load has, and one with too few words behind it."""
+    """Raise for an element of a letter that no load has, or with too few words."""
     letter = name[0].lower()
     if letter not in ELEMENTS:
         fault = "an element of this letter is not accepted; these are: X"
@@ -345,7 +345,7 @@ def _part_parameter(card, word, scope):
     if key in FACTS or (key in SERIES and number(value) == 0.0):
         return []
     if key in PARASITICS:
-        refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
+        refuse(card, f"{key}= is LTspice's alone: write it as a separate element")
     keys = PART_PARAMETERS[card.text[0]]
     if key not in keys:
         refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
@@ -384,7 +384,7 @@ def _model(line, rest, scope):
             (line.flags if word in ("on", "off") or letter in "sw" else line.values).append(word)
         else:
             if letter in "msw":
-                refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
+                refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
             value = check_value(card, word, scope)
             line.words.append(f"area={value}" if letter == "d" else value)
             if letter == "d":
@@ -462,7 +462,7 @@ def _controlled(line, rest, scope):
     *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
     check_nodes(card, controls)
     if len(controls) != (2 if letter in "eg" else 1):
-        refuse(card, f"{card.text[:50]!r}: takes what controls it, and a gain")
+        refuse(card, f"{card.text[:50]!r}: needs its controlling nodes or source, and a gain")
     line.values = [check_value(card, gain, scope)]
     if letter in "eg":
         line.nodes += controls

@@ -20,7 +20,7 @@ _FORMS = {
     "pulse": "pulse(low high delay rise fall width period): without one of them ngspice 39 and 46 "
     "differ",
     "sin": "sin(offset amplitude frequency delay damping phase): without a frequency ngspice takes "
-    "that of the whole run",
+    "the reciprocal of the whole run",
     "exp": "exp(low high delay1 rise delay2 fall): without one of them ngspice takes its printing "
     "step",
     "sffm": "sffm(offset amplitude carrier index signal)",
@@ -64,7 +64,7 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
     Raises
     ------
     ExpressionError
-        It says something else in another release of ngspice, or with another printing step.
+        Its value differs in another release of ngspice, or with another printing step.
     """
     kind = SAME.get(kind, kind)
     if kind == "am":

@@ -30,13 +30,13 @@ def node_name(name: str) -> str:
 
 
 def element_name(letter: str, name: str) -> str:
-    """An element of a load as the run's netlist calls it: ngspice knows its kind by its letter."""
+    """Name of a load's element in the run's netlist, which begins with its kind's letter."""
     own_name = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
     return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own_name)
 
 
 def current_name(name: str) -> str:
-    """The source with this full name, whose letter stands behind its last dot."""
+    """The source with this full name, whose letter follows its last dot."""
     return element_name(name.rpartition(".")[2][0], name)
 
 
@@ -78,7 +78,7 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
 
 
 def _model_names(elements):
-    """(kind, numbers, flags) of each model that differs → its name, which stands once."""
+    """(kind, numbers, flags) of each distinct model → its name."""
     names: dict[tuple, str] = {}
     for model in (element.model for element in elements if element.model is not None):
         if model[1:] not in names:

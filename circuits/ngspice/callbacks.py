@@ -34,13 +34,13 @@ from harvester.device import system as systems
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# So many points are collected before Python is called, and so many knots of the noise are held
+# Points that are collected before Python is called, and knots of the noise that are held
 # ahead, over all copies together. Calls into Python are then some thousand steps apart.
 BUFFERED_POINTS = 4096
 BUFFERED_KNOTS = 65_536
 # Fewest points and knots for each copy, where there are many copies.
 FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
-# When the window moves on, so many knots behind the latest accepted time stay in it.
+# Knots before the latest accepted time that stay in the window when it moves on.
 KNOTS_KEPT_BEHIND = 8
 # Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
 # names come from `circuits.equivalent.elements` and are shorter.
@@ -53,15 +53,15 @@ COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 
-# ngspice begins with so many steps of backward Euler, whatever the method. The next steps double up
+# Steps of backward Euler with which ngspice begins, whatever the method. The next steps double up
 # to the usual length, so that one of them damps each fast decay. With full steps directly after
 # tiny ones the trapezoidal rule would let such a decay ring on.
 FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
-# A step that ngspice proposes is taken unchanged if more than so many of them are left to the next
-# point of the grid. It may end where a source bends: dividing what is left would end ever closer
-# before that point. With fewer left, the rest is divided into equal steps.
+# A step that ngspice proposes is taken unchanged if more than this number of them remains to the
+# next point of the grid. It may end where a source bends: dividing the remainder would end ever
+# closer before that point. With fewer left, the rest is divided into equal steps.
 STEPS_TO_DIVIDE = 1.8
 # A bend of a source that is nearer than this share of a grid's step to a point of the grid is
 # reached together with it; ngspice itself merges two sources' bends at this distance.
@@ -166,7 +166,7 @@ def _noise(state, copy, time):
 
 @compiled
 def _fast(state, h):
-    """Share by which the motion's clock, made for a step of the grid, is fast in one of h."""
+    """Relative error of the pre-warping, computed for a step of the grid, at a step of h."""
     if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_sample:
         return 0.0
     return 1.0 - _pace_of(state.line * h) / state.pace
@@ -176,14 +176,14 @@ def _fast(state, h):
 def _slowed(state, h):
     """Share by which the clock is slowed at the end of a step of h.
 
-    A step takes the mean of its two ends; what it leaves is owed to the next.
+    A step takes the mean of its two ends; the remainder is added to the next.
     """
     return _fast(state, h) + state.owed * state.steps_per_sample / state.spacing
 
 
 @compiled
 def _slowing(state, copy, h, displaces):
-    """What slows a copy's displacement, or its velocity, at the end of a step of h.
+    """Pre-warping source of a copy's displacement, or velocity, at the end of a step of h.
 
     Both are predicted for a motion at the line. Slowing one alone would pump energy, since steps
     are short at one phase of the motion.
@@ -243,7 +243,7 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     cache=CACHED,
 )  # fmt: skip
 def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
-    """`GetISRCData`: noise or clock of the copy whose number stands in the source's name."""
+    """`GetISRCData`: noise or clock of the copy whose number is in the source's name."""
     state = carray(user, 1)[0]
     letters = carray(name, LONGEST_NAME, np.uint8)
     copy = character = 0
@@ -306,7 +306,7 @@ def _resolved(state, s, copy, row, ahead, step):
 
 @compiled
 def _load_step(state, copy, points, step, longest):
-    """Longest step from an accepted point that resolves what the load of a copy does."""
+    """Longest step from an accepted point that resolves the load of a copy."""
     count, size = state.count, state.points
     times = carray(_pointer(state.times), size, np.float64)
     memory_shape = (state.copies, state.switch_count + 1)
@@ -331,7 +331,7 @@ def _load_step(state, copy, points, step, longest):
 def _shortest(state, s, ahead, step):
     """Longest step that resolves contacts and loads of all copies.
 
-    `ahead` is the next knot's place in the window, `step` the grid's.
+    `ahead` is the next knot's index in the window, `step` the grid's.
     """
     shape = (state.copies, state.points, state.columns)
     buffer = carray(_pointer(state.buffer), shape, np.float64)
@@ -348,7 +348,7 @@ def _shortest(state, s, ahead, step):
 
 @inlined
 def _planned(state, time, remaining, step):
-    """Time to where the load's own plan wants a step to end, and the longest that it allows.
+    """Time until the next planned end of a step by the load, and the longest step it allows.
 
     After a jump steps double from its width on, as after a switch's turn.
     """
@@ -381,7 +381,7 @@ def _set_step(time, delta, before, redo, identity, location, user):
 
     Location 0 is the start of a step, after the last point was accepted and sent. Under local-error
     control ngspice's proposal is taken where it is shorter. After a rejected step (location 1)
-    ngspice's own shorter one stands.
+    ngspice's own shorter one is kept.
     """
     state = carray(_state(user), 1)[0]
     if location != 0 or state.steps_per_sample == 0:

@@ -30,7 +30,7 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def cache_folder() -> Path:
-    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache.
+    """Cache folder of compiled devices: `harvester` below XDG_CACHE_HOME or ~/.cache.
 
     A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
     """
@@ -65,7 +65,7 @@ def find_compiler() -> str | None:
 def compiled_file(text: str) -> Path:
     """The compiled device of a Verilog-A text, from the cache or compiled now.
 
-    Any number of processes may ask at once: each compiles in a folder of its own and renames.
+    Any number of processes may ask at once: each compiles in a separate folder and renames.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def load(engine: Any, text: str) -> None:
 
 
 def _require_own(folder):
-    """Refuse a folder into which somebody else may put machine code."""
+    """Raise for a folder into which another user may put machine code."""
     trouble = foreign_writers_of(folder)
     if trouble:
         raise CompiledDeviceUnavailable(
@@ -136,7 +136,7 @@ def _require_own(folder):
 
 
 def _is_whole(path):
-    """Whether a file is what its name says, and nobody else's."""
+    """Whether a file's content matches the digest in its name, and it is the user's."""
     if path.is_symlink() or not path.is_file() or foreign_writers_of(path):
         return False
     return path.stem.partition("-")[2] == _digest(path.read_bytes())

@@ -78,7 +78,7 @@ def _compiled(engine, ready, device):
     Raises
     ------
     CompiledDeviceUnavailable
-        It was asked for and is off, or does not hold what the scene needs.
+        It was asked for and is off, or lacks parts that the scene needs.
     """
     if device == "behavioural" or ready.scene.excitation.prescribes_displacement:
         return False

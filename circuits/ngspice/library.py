@@ -1,4 +1,4 @@
-"""Where the ngspice library and its code models are found, and how it starts without more."""
+"""Location of the ngspice library and its code models; start without initialisation files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HOW_TO_GET_IT = (
 
 
 def candidates() -> list[str]:
-    """Names to try to load, in order: the user's own choice alone where there is one."""
+    """Names to try to load, in order; only the user's choice if there is one."""
     chosen = os.environ.get("NGSPICE_LIBRARY_PATH")
     if chosen:
         return [chosen]
@@ -43,7 +43,7 @@ def find_library() -> str:
     Raises
     ------
     EngineNotFound
-        None does; the message says how to get one.
+        None does; the message names a remedy.
     """
     import ctypes
 
@@ -63,7 +63,7 @@ def find_library() -> str:
 
 
 def code_models(library: str) -> list[Path]:
-    """ngspice's code models: those beside the library; another release's crash it.
+    """ngspice's code models, next to the library; another release's crash it.
 
     Parameters
     ----------
@@ -82,10 +82,10 @@ def code_models(library: str) -> list[Path]:
 
 @contextlib.contextmanager
 def no_initialisation_files() -> Iterator[None]:
-    """ngspice finds none of its initialisation files while it starts within the block.
+    """Hide ngspice's initialisation files while it starts within the block.
 
     It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
-    and at home, and reads the first of these. Home is what the system's list of users says, not
+    and at home, and reads the first of these. Home follows from the system's list of users, not
     HOME: an empty one in the working folder keeps it from there.
     """
     before = dict(os.environ)

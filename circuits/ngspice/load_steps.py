@@ -1,4 +1,4 @@
-"""Steps that resolve what a load does: its switches' turns, its capacitors' and coils' exchanges.
+"""Steps that resolve a load: switching events, and exchanges of capacitors and coils.
 
 ngspice's own control by the local error asks of every capacitor and coil the same relative
 accuracy, whatever energy it holds, so that an idle coil's ringing takes most of the steps; and it
@@ -21,7 +21,7 @@ TOLERANCE = 5e-5
 # Shortest step that the load may ask for, and the first one after a switch has turned where ngspice
 # does not control the local error, both as shares of the grid's step.
 SHORTEST, RESTART = 2.0**-10, 2.0**-13
-# A step is at most so many times as long as the one before.
+# Largest ratio of a step to the previous one.
 GROWTH = 2.0
 # A step takes this share of the time left to a switch's turn. ngspice takes a step back that ends
 # less than 1.2 of the control's last change from the threshold: 0.45 leaves 0.55/0.45 = 1.22.
@@ -34,11 +34,11 @@ COIL_APPROACH, IDLE = 0.5, 10.0
 # step of the default grid under control by the local error: in shorter steps ngspice's Newton
 # iterations fail.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
-# SHORTEST, RESTART and LOCATED of a switch that turns by itself, in time constants of its control.
+# SHORTEST, RESTART and LOCATED of an endlessly toggling switch, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
 # Radians of the device's natural frequency over which the greatest recent energy is remembered.
 MEMORY = 15.0
-# The third derivative is computed from so many accepted points, and exists after so many steps.
+# Accepted points from which the third derivative is computed, and steps after which it exists.
 POINTS = 4
 # States of a switch in `memory`. Their order matters: a switch that may still close is below
 # CLOSED, one that may still open is above OPEN.
@@ -56,7 +56,7 @@ def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, fl
 
 @uncounted
 def limits_of_turn(limits: Any, turn: float) -> tuple[float, float, float]:
-    """The limits where switches turn by themselves and their controls follow in this time (s)."""
+    """Limits for endlessly toggling switches whose controls follow within this time (s)."""
     shortest, least_located, restart = limits
     steps = TURN_STEPS[0] * turn, TURN_STEPS[1] * turn, TURN_STEPS[2] * turn
     return min(shortest, steps[0]), min(least_located, steps[1]), min(restart, steps[2])
@@ -82,7 +82,7 @@ def resolving_step(
     history : (float64 array (points, columns), float64 array (points,), int)
         Accepted points of one copy, their times (s), and the first column watched.
     now : (int, int, int, int)
-        Places of the latest points, the newest first.
+        Indices of the latest points, the newest first.
     switches : ndarray, shape (switches, 2)
         Control above which each closes, below which it opens.
     stores : ndarray, shape (stores, 2)
@@ -91,7 +91,7 @@ def resolving_step(
         Which switches are open, unknown or closed, and twice the energy that counts (J); kept up
         to date.
     energy : float
-        Twice that of the transducer now (J).
+        Twice the present energy of the transducer (J).
     forgotten : float
         Share of the greatest energy that is forgotten in a second (1/s).
     tolerance : float

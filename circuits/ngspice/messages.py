@@ -48,12 +48,12 @@ _FLAT = re.compile(
 _PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
 # Letters of elements, those first that Newton's iterations fail at most often.
 _LETTERS = "bmqjdswegfhvilcr"
-# At most so many elements at a node are named.
+# Largest number of elements at a node that are named.
 NAMED = 2
 
 
 def refusal(lines: list[Any]) -> str:
-    """Why ngspice took no netlist, in one line; empty where it took it.
+    """Reason why ngspice rejected a netlist, in one line; empty if it did not.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def refusal(lines: list[Any]) -> str:
     first = next(refused, None)
     if first is None:
         return ""
-    # The element's model stands before what is wrong with it.
+    # The element's model comes before the fault.
     start = max(first - 2, 0) if _IGNORED.fullmatch(lines[first].strip()) else first
     return _told(lines[start:])
 
@@ -130,7 +130,7 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
 
 
 def _named(flat, quote, load):
-    """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
+    """ "dupper (bridge.lib:24)", or the bare name if it is no element but a node."""
     path = re.split("[.:]", flat.removesuffix("#branch"))
     # The element's letter is repeated between the calls.
     full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)

@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.base.worker_process`), because some mistakes make
+Runs in a separate worker process (`harvester.base.worker_process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 
@@ -176,7 +176,7 @@ class Session(NgSpiceShared):
         paths : sequence of ExcitationPath
             One for each copy of the device in the netlist.
         observers : sequence of sequences of objects with `add(record)`
-            Those of each copy.
+            Observers of each copy.
         steps_per_sample : int
             Steps between knots; 0 leaves the steps to ngspice.
         steps_per_contact : int
@@ -352,7 +352,7 @@ class Session(NgSpiceShared):
 
     @contextlib.contextmanager
     def _watched(self):
-        """Within the block, end a run that makes no progress: ngspice itself would try for ever."""
+        """Within the block, end a run that makes no progress: ngspice would try endlessly."""
         done = threading.Event()
         threading.Thread(target=self._watch, args=(done,), daemon=True).start()
         try:
@@ -384,7 +384,7 @@ class Session(NgSpiceShared):
                 give_up(SimulatorAborted(self._said(trouble)))
 
     def _unbounded(self, latest, nodes):
-        """What to say of a load whose voltage grows without bound; empty for others."""
+        """Message on a load whose voltage grows without bound; empty for others."""
         if np.abs(nodes[:, :, callbacks.TERMINAL]).max(initial=0.0) <= LARGEST_VOLTAGE:
             return ""
         self._doing = f"stopped at t = {latest:g}"
@@ -412,7 +412,7 @@ class Session(NgSpiceShared):
         self._announce("was running the netlist")
 
     def _announce(self, doing):
-        """Print what ngspice is about to do: if it crashes, the error quotes this line."""
+        """Print ngspice's next action: if it crashes, the error quotes this line."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
@@ -426,7 +426,7 @@ class Session(NgSpiceShared):
         return (NotConverged if failed else SimulatorAborted)(self._said(reason + advice))
 
     def _said(self, trouble):
-        """ngspice's messages on what went wrong, with the load's own names."""
+        """ngspice's error messages, with the load's own names."""
         trouble = messages.with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
 
@@ -455,7 +455,7 @@ class Session(NgSpiceShared):
         return 0
 
     def _receive_vectors(self, data, identity, user):
-        """Where the nodes of each copy stand among ngspice's vectors."""
+        """Indices of the nodes of each copy among ngspice's vectors."""
         names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
         indices = {name: k for k, name in enumerate(names)}
         self.state["time_vector"] = indices["time"]

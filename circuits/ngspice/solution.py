@@ -27,7 +27,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
     Yields
     ------
     tuple of str
-        In the order of `circuits.ngspice.callbacks`; what the netlist lacks is no vector.
+        Vectors in the order of `circuits.ngspice.callbacks`; missing ones are left out.
     """
     columns = (
         elements.DISPLACEMENT,
@@ -84,9 +84,9 @@ def convert(
 ) -> None:
     """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
 
-    `free` are the displacements between which no contact acts. `units` are those of `units_of`,
-    that of a watt 0 where no ammeter measures the load's current: a resistor's power then follows
-    from the state.
+    `free` are the displacements between which no contact acts. `units` come from `units_of`,
+    the unit of power being 0 if no ammeter measures the load's current: a resistor's power then
+    follows from the state.
     """
     per_volt, per_state, per_ampere, per_power = units
     for row in range(times.size):

@@ -23,13 +23,13 @@ class Averages:
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
     numerical_error
-        Numerical error of each mean above and of those of `between_wells`.
+        Numerical error of each mean above, and of the means in `between_wells`.
     density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
         Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if
         asked for `slowest_decay_rate` and the rates of jumps that
-        `harvester.device.cores.jump_rates` names (1/s), and, where symmetry does not tell them,
+        `harvester.device.cores.jump_rates` names (1/s), and, unless they follow from symmetry,
         `share_of_time_in_well_1` and so on from the left.
     """
 

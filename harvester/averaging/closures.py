@@ -1,4 +1,4 @@
-"""Stationary means by three closures: two of quasi-conservative averaging, one without."""
+"""Stationary means by three closures: two average over orbits, one does not."""
 
 import pkgutil
 from collections.abc import Callable, Iterable
@@ -24,7 +24,7 @@ class StationaryMethod(NamedTuple):
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
     of_spectrum : bool
-        Whether it takes the prepared scene, with any spectrum of its excitation, in place of the
+        Whether it takes the prepared scene, with any spectrum of its excitation, instead of the
         device with the noise of Eq. 6.
     """
 
@@ -71,12 +71,12 @@ def average(
     Eq. 26 below the barrier. `consistent` keeps the force −N2 X* of Eq. 11 in the potential, takes
     V about each well's rest position, and lets g = p/T obey d ln g/dH = −B/(πSJ), the flux form,
     where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. The page
-    docs/explanation/theory.md says what these choices change.
+    docs/explanation/theory.md compares these choices.
 
     `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
     contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.
-    The densities of `paper` have a step at the separatrix; those of `consistent`, whose wells
-    and outer orbits overlap in the phase plane, have one at the ends of each.
+    The densities of `paper` have a step at the separatrix; the densities of `consistent`, whose
+    wells and outer orbits overlap in the phase plane, have one at the ends of each.
     """
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)

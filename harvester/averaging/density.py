@@ -13,7 +13,7 @@ FINER = 10
 # Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
 # orbits.
 EVEN, TURNING = 100, 100
-# A density of X' is summed over so many even pieces, besides those between orbits.
+# Number of even intervals over which a density of X' is summed, besides those between orbits.
 PIECES = 1500
 # Orbits with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
@@ -113,7 +113,7 @@ class OrbitDensity:
         return np.reshape(total, v.shape)
 
     def _both_sides(self, x, function):
-        """Sum over the layers; orbits in the right well stand for those in the left one."""
+        """Sum over the layers; orbits in the right well also represent the symmetric left one."""
         sides = {True: (x, -x), False: (np.abs(x),)}
         return sum(
             function(layer, side)
@@ -122,7 +122,7 @@ class OrbitDensity:
         )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """A density as a table (places, values), as far out as it matters and finer where orbits
+        """Table of a density (points, values), over its relevant range and finer where orbits
         crowd.
         """
         turning = self._turning(name)
@@ -133,7 +133,7 @@ class OrbitDensity:
         return np.append(-half[mirrored], half), np.append(values[mirrored], values)
 
     def _turning(self, name):
-        """Turning points (or greatest speeds) of the orbits that matter: with them in the table no
+        """Turning points (or greatest speeds) of the relevant orbits: with them in the table no
         well is missed, however narrow.
         """
         least = NEGLIGIBLE + max(layer.logarithm.max() for layer in self.layers)

@@ -1,9 +1,9 @@
-"""The flow of a grid's nodes in one step with Z and η fixed, and the sharing of their mass among
+"""Flow of a grid's nodes in one step with Z and η fixed, and distribution of their mass among
 nodes.
 
 The paths are integrated by the method of Dormand and Prince of order five, each with its own
 steps, so that a short contact costs only the paths that touch. The mass that arrives between nodes
-is given to six by six of them, such that its moments up to the fifth arrive as they are.
+is shared among six by six of them, so that its moments up to the fifth are preserved.
 """
 
 from typing import NamedTuple
@@ -18,13 +18,13 @@ from harvester.device import system
 from harvester.device.system import System
 
 NEIGHBOURS = 6
-# So many neighbouring nodes of X' receive their shares in one vector operation.
+# Number of neighbouring nodes of X' that receive their shares in one vector operation.
 LANES = 8
 # Largest local error of a step along a path, as a share of the greatest displacement and speed.
 PATH_TOLERANCE = 1e-6
 # Most steps per path, on average over all paths.
 MOST_TRIALS = 250
-# Most steps of all paths together. So many take seven seconds.
+# Largest number of steps of all paths together; they take about seven seconds.
 MOST_OF_ALL_PATHS = 4e7
 # Every eighth node of X and of X' starts a trial path, from which the work of all is estimated.
 SAMPLED = 8
@@ -60,7 +60,7 @@ class PhaseGrid(NamedTuple):
 
     @property
     def kept(self) -> np.ndarray:
-        """Nodes of Z that are kept."""
+        """Stored nodes of Z."""
         return self.z[len(self.z) // 2 :] if self.mirrored else self.z
 
     @property
@@ -116,7 +116,7 @@ def _acceleration(s, x, v, z):
 
 @compiled
 def _ends(s, x, z, v, time, most, end_x, end_v):
-    """Fill in X and X' of each node's path after this time; False beyond so many steps a path."""
+    """Fill in X and X' of each node's path after this time; False if a path needs more steps."""
     trials, most = 0.0, most * x.size * z.size * v.size
     least_x, least_v = PATH_TOLERANCE * np.abs(x).max(), PATH_TOLERANCE * np.abs(v).max()
     speeds, pushes = np.empty(OFF.size), np.empty(OFF.size)
@@ -155,7 +155,7 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
 
 
 def _neighbours(places, nodes, width):
-    """Index of the first of so many nodes about each place, and their shares of its mass.
+    """Index of the first of the nodes around each position, and their shares of its mass.
 
     Those of six of them are Lagrange's weights, and none of the others'. Mass beyond the last node
     stays there.
@@ -171,7 +171,7 @@ def _neighbours(places, nodes, width):
 
 @compiled
 def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Lagrange's weights, by which a mass at each place is shared among all nodes: (..., nodes)."""
+    """Lagrange's weights, by which a mass at each point is shared among all nodes: (..., nodes)."""
     weights = np.ones((places.size, nodes.size))
     for n, position in enumerate(places.flat):
         for node in range(nodes.size):

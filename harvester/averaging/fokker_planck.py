@@ -1,11 +1,11 @@
 """Closure `fokker_planck`: the stationary density of (X, X', Z, η), without averaging.
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
-`propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
-density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which shows
-how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
-misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected from the
-one before, until it is less than the tolerance.
+`propagator`. The distribution that P, the propagator over about one period, leaves unchanged is the
+stationary density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid,
+which shows how far the grid must reach and how fine it must be (`region`). What the first grid for
+the answer misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected
+from the one before, until it is less than the tolerance.
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
 the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
@@ -28,8 +28,7 @@ from harvester.device.system import System
 # The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
-# The error of the nodes of Z falls exponentially with their number: so many are taken for each
-# decade of the tolerance.
+# Nodes of Z for each decade of the tolerance; the error falls exponentially with their number.
 NODES_PER_DECADE = 3.0
 # No pair of grids shows the errors of the range, of the nodes of Z and of the iteration's end:
 # together they are stated as this share of the tolerance.
@@ -48,8 +47,8 @@ SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 REGION_ATTEMPTS = 8
 # Devices with shorter contacts, in periods of small oscillations, are refused.
 SHORTEST_CONTACT = 2e-2
-# λ times the period beyond which a step would have to be too short, and below which so many vectors
-# would be needed for the stationary state that means are continued from faster rates instead.
+# λ times the period: above the first value steps would be too short; below the second so many
+# vectors would be needed that means are extrapolated from faster rates instead.
 FASTEST_DECAY = 60.0
 SLOWEST_DECAY = 2e-3
 # Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.
@@ -114,7 +113,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
 
 def outline(device: System) -> GridDensity:
-    """Densities on the coarse grid that finds where they are: in tenths of a second.
+    """Densities on the first coarse grid, within tenths of a second.
 
     It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
     refuses the same devices.
@@ -125,7 +124,7 @@ def outline(device: System) -> GridDensity:
 
 
 def _check(device):
-    """Refuse what the state does not hold, and what takes too many steps."""
+    """Raise if the device has more states than the grid, or needs too many steps."""
     if any(not isinstance(contact.law, HertzDamp) for contact in device.contacts):
         raise AveragingError(
             "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
@@ -154,7 +153,8 @@ def _slow_decay(device, slowest, tolerance):
     """Means on the straight line through those at two slow rates of decay, towards λ = 0.
 
     There Z is slow against all else, and the means are linear in λ. Where jumps between the wells
-    are slower still, no such line is straight: what it adds counts as numerical error.
+    are slower still, no such line is straight: the extrapolated difference counts as numerical
+    error.
     """
     part, rate = device.transducer, device.transducer.decay_rate()
     answers = []
@@ -181,7 +181,7 @@ def _slow_decay(device, slowest, tolerance):
 def _refined(task, share=1.0):
     """Grids refined in time and in space apart until they are good enough; means and errors.
 
-    Good enough is what this share of the tolerance allows.
+    The search stops at this share of the tolerance.
     """
     tolerance = share * task.tolerance
     nodes = [_first(task, tolerance)]
@@ -248,13 +248,13 @@ def _refine(grids, respect, known=None):
         if finer.means[name] < 0.0:
             raise AveragingError(
                 f"{name.replace('_', ' ')} comes out negative on a grid and a finer one: it is too "
-                "small against what it is the difference of; simulate"
+                "small against the terms that it is the difference of; simulate"
             )
     grids[respect].append(finer)
 
 
 def _found(task):
-    """Where the density is, and that density on a coarse grid.
+    """Region of the density, and the density on a coarse grid.
 
     If hardly any motion leaves the wells, the grid covers one of them, which represents all.
     """
@@ -311,7 +311,7 @@ def _compared(grids, find):
 
     Empty where it takes too many steps.
     """
-    # The order matters: each grid starts from what the one before it found.
+    # The order matters: each grid starts from the state of the previous one.
     rates_of = find(dict.fromkeys(solution for pair in grids.values() for solution in pair))
     if not rates_of:
         return {}, {}

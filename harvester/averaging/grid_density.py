@@ -51,7 +51,7 @@ class GridDensity:
 
     @cached_property
     def _voltage(self):
-        """The density of the voltage. It takes as long as all others: last grid only."""
+        """Density of the voltage, on the last grid only, since it takes as long as all others."""
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
@@ -85,14 +85,15 @@ class GridDensity:
         return float(CubicSpline(places, density).integrate(places[0], end))
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Places where a density is known as far out as it reaches, and it there: two ndarrays."""
+        """Points over the whole range of a density, and its values there: two ndarrays."""
         places = self._evenly(getattr(self, f"_{name}").x)
         return places, getattr(self, name)(places)
 
     def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
 
-        Without what alternates from node to node: in a contact the mass is shared unevenly.
+        Without the part that alternates from node to node: in a contact the mass is shared
+        unevenly.
         """
         x, v = (self._evenly(nodes, JOINT_POINTS) for nodes in (self.x, self.v))
         smooth = self.values
@@ -102,14 +103,14 @@ class GridDensity:
         return x, v, self._either_side(spline.ev, x[:, None], v)
 
     def _evenly(self, nodes, count=0):
-        """So many places as far out as a density reaches; by default as far apart as its nodes."""
+        """Evenly spaced positions over a density's range; by default as far apart as its nodes."""
         far = np.abs(nodes).max()
         low, high = (-far, far) if self.paired else (nodes[0], nodes[-1])
         apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)
         return np.linspace(low, high, count or 1 + round((high - low) / apart))
 
     def _either_side(self, spline, *places):
-        """A density, of two wells alike half on either side; 0 beyond the nodes."""
+        """A density; two symmetric wells get half each; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
         places = np.broadcast_arrays(*(np.asarray(axis, dtype=float) for axis in places))
         total = np.zeros(places[0].shape)

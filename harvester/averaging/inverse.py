@@ -27,7 +27,7 @@ POOR_DIRECTION_REST = 0.9
 KEPT, BYTES = np.float32, 4
 # If less than this share of a direction is new, the iteration has nothing left to find.
 SMALLEST_NEW_PART = 1e-6
-# A residual is computed anew once it has fallen to this share. Kept directions have single
+# A residual is recomputed once it has fallen to this share. Stored directions have single
 # precision, so that more than this cannot be removed in one go.
 REDUCTION_IN_ONE_GO = 3e-3
 # The coarser grid's solution is accurate enough when this share of the residual is left.
@@ -46,7 +46,7 @@ class Inverse:
     later
         Linear map of states on it.
     coarser
-        The same on a coarser grid.
+        `Inverse` on a coarser grid.
     balanced
         Removes the error that arises as a residual moves from a finer grid to this one.
     cleared
@@ -95,7 +95,7 @@ class Inverse:
         return state
 
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
-        """x whose residual for this right-hand side is within the limit.
+        """Solve for x until the residual for this right-hand side is within the limit.
 
         Raises AveragingError: the iteration did not converge, or the norm of `rest` is not less
         than `below`.
@@ -119,12 +119,12 @@ class Inverse:
             "simulate"
         )
 
-    def _take(self, left, found, which):
-        """Project a residual `left` onto some directions and add their part to the solution
-        `found`."""
+    def _take(self, left, solution, which):
+        """Project a residual `left` onto some directions and add their part to `solution`,
+        in place."""
         along = self._changes[which] @ left.astype(KEPT)
         left -= along @ self._changes[which]
-        found += along @ self._directions[which]
+        solution += along @ self._directions[which]
 
     def _near(self, rest):
         """Preconditioner: an approximate solution for a residual, from the coarser grid."""

@@ -1,6 +1,6 @@
 """Rates of jumps between wells, and of the decay of the last memory of a well.
 
-Both are found on each grid of an answer, on finer ones with what the coarser one knows of them.
+Both are computed on each grid of an answer, on finer ones from the coarser grid's values.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PARTS_OF_NODE = 5
 
 
 class _Found:
-    """Results on one grid, with the work that is left for them.
+    """Results on one grid, with the remaining budget of work.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class _Found:
         self.inverses: dict[float, Inverse] = {}
 
     def take(self) -> None:
-        """Subtract one period from the work that is left; refuse if none is left."""
+        """Subtract one period from the remaining work; raise if none remains."""
         self.left -= self.solution.cost
         if self.left < 0.0:
             raise AveragingError("rates of jumps take too many steps")
@@ -65,7 +65,7 @@ class _Found:
 
 
 class _SlowestDecay(_Found):
-    """The state that decays the slowest, after the stationary one, and its rate."""
+    """The slowest decaying state after the stationary one, and its rate."""
 
     state: np.ndarray
 
@@ -94,10 +94,10 @@ class _SlowestDecay(_Found):
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
-        """Correct the state; returns the share of it that a period changes, apart from its decay.
+        """Correct the state; return the share of it that a period changes, apart from its decay.
 
         As a change of the eigenvalue acts on the state from which it began, and not on the one that
-        is sought, what is left of a poor state may not be what it was to be.
+        is sought, the error of a poor state may not decay as expected.
         """
         self.state = self._start = self.state / self._part(self.state)
         allowed = tolerance * float(np.linalg.norm(self._start))
@@ -111,7 +111,7 @@ class _SlowestDecay(_Found):
         return change - self.decayed * state
 
     def _later(self, state, propagator):
-        """A period later, without what is stationary."""
+        """State one period later, without its stationary part."""
         self.take()
         state = propagator.repeated(state, self.solution.steps)
         if not self.solution.grid.mirrored:
@@ -127,7 +127,7 @@ class _SlowestDecay(_Found):
         return float(np.sum(self._signs * state[:, :, 0]))
 
     def _by_arnoldi(self, propagator):
-        """The slowest decay by Arnoldi's method. One that oscillates has no rate and is refused."""
+        """The slowest decay by Arnoldi's method; raises if it oscillates."""
         shape = self.solution.grid.shape
         start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
         operator = LinearOperator(
@@ -149,7 +149,7 @@ class _SlowestDecay(_Found):
 
 
 class _Jumps(_Found):
-    """Mass by the well whose core it was in last, and what of it jumps.
+    """Mass by the well whose core it was in last, and the part of it that jumps.
 
     The stationary mass p is divided: q_w = outside · P q_w + core_w · p for a step P. What P q_w
     has in another core has jumped.
@@ -187,9 +187,9 @@ class _Jumps(_Found):
             self.counts = self.counts + self.counts[::-1, ::-1]
 
     def _later(self, propagator, outside):
-        """A period later, what has been in a core left out, and a source added at each step.
+        """State one period later, without mass that has been in a core, plus a source at each step.
 
-        After about a period, what has turned round is where it was.
+        After about a period, mass that has turned round is back.
         """
 
         def later(state, source=0.0):
@@ -201,7 +201,7 @@ class _Jumps(_Found):
         return later
 
     def _last_in_cores(self, later, source, guess, parity):
-        """The mass by the core it was in last, found from the coarser grid's or the wells'."""
+        """Mass by the core it was in last, starting from the coarser grid's or the wells' mass."""
         coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p
@@ -216,7 +216,7 @@ class _Jumps(_Found):
 def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
     """Rate at which the last memory of the well, or of the charge it left, decays (1/s), by grid.
 
-    Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
+    For two wells that exchange mass at the rates k12 and k21, slower than all other decays, it is
     k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
     """
     decays = _on_each(solutions, _SlowestDecay)
@@ -259,7 +259,7 @@ def _named(device, jumps):
 
 
 def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
-    """How much of the surroundings of each node lies in each core: (wells, X, X')."""
+    """Share of each node's surroundings in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
     within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5
     x = grid.x[:, None] + within * (grid.x[1] - grid.x[0])

@@ -1,4 +1,4 @@
-"""`average`: a scene by one of the closures, as a result like any engine's."""
+"""`average`: a closure's result for a scene, in the form of an engine's result."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def average(
         consistent 1e-3, spectral 1e-6).
     fit : bool
         For a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
-        spectrum, and say how far it is from it.
+        spectrum, and note the deviation from it.
     jump_rates : bool
         For several wells, by fokker_planck: also the rates of jumps between them and the slowest
         decay rate (two or three times as long).

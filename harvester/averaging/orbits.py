@@ -3,7 +3,7 @@
 The device is symmetric, so that the quarter of the phase plane with X, X' ≥ 0 is enough, or all of
 a well's upper half. There an orbit runs from its left end, a turning point inside a well or X = 0
 outside, to its right turning point, and every integral is over that part alone. Arrays are over
-orbits, one by one or, where they say so, orbits × nodes of a quadrature.
+orbits, or, where documented, over orbits × nodes of a quadrature.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ WELL_LEVELS = -15.0, 11.5
 NEGLIGIBLE = 1e-8
 # Orbits of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
-# Range of the outer levels, counted from that of the energy D over the rate of loss.
+# Range of the outer levels, in multiples of the energy D over the rate of loss.
 OUTER_LEVELS = -20.0, 32.0
 # The outer orbits end where ln g has fallen by this much.
 OUTER_EXPONENT = 45.0
@@ -57,7 +57,7 @@ class Edge:
     Attributes
     ----------
     inside
-        Whether the orbits are those inside the right well, which stands for both wells.
+        Whether the orbits lie inside the right well, which represents both symmetric wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
@@ -98,7 +98,7 @@ class Edge:
         return _root_of_convex(lambda x: self.slope(x, added), curvature, rest_position)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
-        """The inner end of a well: its saddle; without one, where the restoring force is weakest.
+        """Inner end of a well: its saddle or, without one, the point of weakest restoring force.
 
         Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. If N2 X* is so large that there is no such
         root, the clipped formula gives the point of zero curvature. A far stopper ends the well as
@@ -136,7 +136,7 @@ class Edge:
 
 
 class OrbitFamily:
-    """Orbits of one edge at some levels, each in the potential of an N2 of its own.
+    """Orbits of one edge at some levels, each in the potential of its own N2.
 
     Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
     Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
@@ -182,7 +182,7 @@ class OrbitFamily:
 
     @property
     def enclosed(self) -> dict[str, np.ndarray]:
-        """∬ 1, X, X² and X'² dX dX' over what each orbit encloses."""
+        """∬ 1, X, X² and X'² dX dX' over the area within each orbit."""
         values = {"1": 1.0, "X": self.x, "X²": self.x**2, "X'²": self.speed**2 / 3.0}
         return {name: self.loop(integrand) for name, integrand in values.items()}
 
@@ -224,7 +224,7 @@ class OrbitFamily:
 
 
 def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
-    """The orbits at these levels, each in the potential of the N2 of its own frequency (Eq. 12).
+    """The orbits at these levels, each in the potential of N2 at its own frequency (Eq. 12).
 
     Raises AveragingError: the fixed point of ω and N2 was not found.
     """
@@ -335,7 +335,7 @@ def _quarter_turn(nodes):
 
 
 def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> np.ndarray:
-    """Root of a function that is convex and rising from there to x, by Newton's method."""
+    """Root below x of a convex, rising function, by Newton's method."""
     converged = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)

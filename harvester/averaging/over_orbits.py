@@ -87,7 +87,7 @@ def _solve(closure, spans, levels, nodes):
     families = [settled_orbits(e, np.linspace(a, b, levels), nodes) for e, a, b in spans]
     logarithms = _logarithms(closure, families)
     weights = [np.exp(logarithm) for logarithm in logarithms]
-    # In `consistent` the wells have a potential of their own and overlap the outer orbits: inside
+    # In `consistent` each well has its own potential and overlaps the outer orbits: inside
     # the outer ones only the wells count. In `paper` the density of the innermost outer orbit goes
     # on inside.
     overlap = families[0].edge.anchor > 0.0

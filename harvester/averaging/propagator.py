@@ -1,16 +1,16 @@
 """One step of the Fokker–Planck equation of (X, X', Z, η) on a grid, Z = X − V.
 
-A step is the flow of the device with Z and η held, and then what moves Z and η:
+A step is the flow of the device at constant Z and η, followed by the changes of Z and η:
 
 - flow: the mass of each node goes where the node goes, and is shared there (`flow`);
 - Z' = λ(X − Z): the same along Z, among all its nodes, which are those of Gauss and Legendre.
   Every moment of Z that the nodes represent moves exactly;
 - η' = −η/τ1 + noise with X'' = η: exactly, for each wave number of X' by Hermite functions of η.
 
-Halves of the second and third step, which commute, stand at either end (Strang), so that the error
-is of second order in the step. Its greatest part is that the noise pushes once a step: at angular
-frequency ω that train of pushes has another spectrum than η. It is therefore strengthened, at each
-X, by as much as its spectrum lacks at the frequency √U''(X).
+Half steps of the second and third kind, which commute, come first and last (Strang), so that the
+error is of second order in the step. Its greatest part is that the noise pushes once a step: at
+angular frequency ω that train of pushes has another spectrum than η. It is therefore strengthened,
+at each X, by as much as its spectrum lacks at the frequency √U''(X).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Propagator:
         return self._slow(state, *self._whole)
 
     def repeated(self, state: np.ndarray, steps: int) -> np.ndarray:
-        """The state so many steps later; it begins and ends half-way between two flows."""
+        """Return the state after `steps` steps; it begins and ends half-way between two flows."""
         state = self.before_flow(state)
         for _ in range(steps - 1):
             state = self.step(state)
@@ -104,7 +104,7 @@ def mirrored(state: np.ndarray) -> np.ndarray:
 
 
 def whole(state: np.ndarray, grid: PhaseGrid, parity: float = 1.0) -> np.ndarray:
-    """The state at all nodes of Z, also those that are not kept."""
+    """The state at all nodes of Z, including those that are not stored."""
     if not grid.mirrored:
         return state
     return np.concatenate([parity * mirrored(state), state], axis=1)
@@ -161,11 +161,11 @@ def _raising(alpha, modes):
 
 
 def _strength(device, grid, memory):
-    """Factor of the pushes at each X by which their spectrum at √U''(X) is that of η.
+    """Factor that gives the impulses at each X the spectrum of η at the frequency √U''(X).
 
     A push is the integral of η over a step dt. Of their train, with a = exp(−dt/τ1), θ = ω dt,
     the spectrum is 2Dτ1 {dt/τ1 − 1 + a + (1 − a)² (cos θ − a)/(1 − 2a cos θ + a²)} a step, and
-    that of η 2D dt/(1 + ω²τ1²).
+    the spectrum of η is 2D dt/(1 + ω²τ1²).
     """
     narrow = 1e-4 * (grid.x[1] - grid.x[0])
     slope = elastic_force(device, grid.x + narrow) - elastic_force(device, grid.x - narrow)

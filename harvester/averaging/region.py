@@ -14,12 +14,12 @@ from harvester.device import timescales
 from harvester.device.system import System, potential
 
 # A density's core is its half width about the narrowest peak; ranges are counted in cores. However
-# narrow a range is, its grid has nodes as if it held so many.
+# narrow a range is, its grid has at least the nodes of this number of cores.
 FEWEST_CORES = 20
 # The load's charge displaces the mass; where the greatest charge does so by one half width of the
-# density, so many nodes of Z are added.
+# density, this number of nodes of Z is added.
 NODES_PER_WIDTH = 4.0
-# Nodes of Z added where the device is not symmetric: else each node also stands for its mirror
+# Nodes of Z added if the device is not symmetric: otherwise each node also represents its mirror
 # image.
 NODES_WITHOUT_MIRROR = 1
 # Devices whose charge displaces the mass by more half widths are refused: there the charge decides
@@ -32,14 +32,14 @@ GIBBS_REACH = 5.3
 # A coarse grid resolves a density down to SEEN of its peak. A normal one falls to 1e-6 at
 # √(ln 1e6 / ln 1e3) = 1.414 times that distance.
 SEEN, BEYOND = 1e-3, 1.42
-# If the density at an end of the range exceeds this share of its peak, it goes on beyond the end.
+# If the density at an end of the range exceeds this share of its peak, it continues beyond the end.
 GATHERED = 1e-4
 # Peaks lower than this share of the highest one do not decide how fine the grid is.
 SECOND_PEAK = 0.2
 # The grid's edge lies at least at 1.2² = 1.44 times the energy of the highest saddle: 1.2 times its
 # speed.
 EDGE_ENERGY_IN_BARRIERS = 1.44
-# Noise with a memory displaces the mass slowly. This displacement counts up to so many standard
+# Correlated noise displaces the mass slowly. The region covers this number of its standard
 # deviations.
 HELD_DEVIATIONS = 4.0
 # The range is wider than the motion found by this factor.
@@ -47,13 +47,13 @@ REGION_MARGIN = 1.05
 # From one level to the next the number of nodes, or of steps, grows by this factor.
 NODE_REFINEMENT = 4.0 / 3.0
 STEP_REFINEMENT = 1.5
-# The next level has so many nodes of Z more.
+# Nodes of Z that the next level adds.
 CHARGES_ADDED = 3
 # Mass beyond the last node of Z is shared among the nodes by a polynomial, whose weights grow with
 # the distance; the nodes reach so far that none exceeds this.
 LARGEST_WEIGHT = 1e2
-# Each step shares mass anew among the nodes, with an error of order six in their distance: with
-# STEP_REFINEMENT times the steps, so many times the nodes keep that error as it was.
+# Each step redistributes mass among the nodes, with an error of order six in their distance: with
+# STEP_REFINEMENT times the steps, this factor on the nodes keeps the error unchanged.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
 # A region shrinks at most to this share in one attempt: a grid that is much too wide gives no
 # accurate width.
@@ -81,7 +81,7 @@ class Level(NamedTuple):
     most
         Largest number of cores that the nodes resolve separately.
     tolerance
-        Of the means, for which its state is settled.
+        Tolerance of the means; the state is settled to a share of it.
     """
 
     steps: float
@@ -93,9 +93,9 @@ class Level(NamedTuple):
     tolerance: float = 0.2
 
     def more(self, respect: str) -> Level:
-        """The next finer one: of more "steps", more "nodes" of X and X', or of Z for "charges".
+        """The next finer level: more "steps", more "nodes" of X and X', or of Z for "charges".
 
-        A little finer in space too where there are more steps, each of which shares mass anew.
+        Slightly finer in space too if there are more steps, since each step redistributes mass.
         """
         if respect == "charges":
             return self._replace(nodes=self.nodes + CHARGES_ADDED)
@@ -141,7 +141,7 @@ class Region(NamedTuple):
     def guessed(
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
-        """The region of a Gibbs density; its rms speed is by default that of small oscillations."""
+        """Region of a Gibbs density; by default with the rms speed of small oscillations."""
         wells = timescales.wells(device) if well is None else (well,)
         frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
@@ -177,12 +177,12 @@ class Region(NamedTuple):
         return region._replace(left=min(region.left, left), right=max(region.right, right))
 
     def leaves_well(self, device: System) -> bool:
-        """Whether a range that is to hold one well alone goes beyond the saddle."""
+        """Whether a range that should hold one well extends beyond the saddle."""
         tops = timescales.beside(device, self.well) if self.well is not None else ()
         return any(self.left < top < self.right for top in tops)
 
     def alike(self, other: Region) -> bool:
-        """Whether another one is about as wide and needs about as many nodes."""
+        """Whether another region has about the same width and needs about as many nodes."""
         low, high = SAME_REGION_RATIOS
         ratios = (
             self.speed / other.speed,
@@ -201,7 +201,7 @@ class Region(NamedTuple):
         mean: float,
         well: float | None,
     ) -> Region:
-        """The range in X that motion of this greatest speed has."""
+        """Range in X of a motion with this greatest speed."""
         wells = timescales.wells(device) if well is None else (well,)
         deepest = min(float(potential(device, x)) for x in wells)
         for saddle in timescales.saddles(device) if well is None else ():
@@ -215,7 +215,7 @@ class Region(NamedTuple):
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def grid(self, device: System, level: Level, step: float) -> PhaseGrid:
-        """The nodes of a level. Where half of them mirror the others, only that half."""
+        """The nodes of a level; of a symmetric device one half alone."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
@@ -247,14 +247,14 @@ class Region(NamedTuple):
             )
 
     def _charges(self, device, nodes, mirrored, step):
-        """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
+        """Nodes of Z: so wide that the mass that a step moves beyond them is bounded."""
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
         nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
         nodes = 2 * nodes if mirrored else nodes + NODES_WITHOUT_MIRROR
         far = max(self.right - centre, centre - self.left)
         moved = -np.expm1(-device.transducer.decay_rate() * step)
-        # As a share of the reach: up to there Chebyshev polynomials of this degree stay below the
+        # Share of the reach beyond the last node, up to which Chebyshev polynomials stay below the
         # weight.
         beyond = np.cosh(np.arccosh(LARGEST_WEIGHT) / nodes) - 1.0
         reach = max(reach, far * moved / (moved + beyond))
@@ -279,7 +279,7 @@ def _nodes(low, high, core, fine, most):
 
 
 def _following(device, half):
-    """Half range of Z: its oscillation at the orbits' frequency, and what the noise adds."""
+    """Half range of Z: its oscillation at the orbits' frequency, plus the noise's part."""
     rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
     intensity, memory = device.noise
     turning = half * rate / np.hypot(rate, frequency)
@@ -289,7 +289,7 @@ def _following(device, half):
 
 
 def _turning(device, start, side, energy):
-    """Where motion of this energy turns on one side of a well, its charge kept there."""
+    """Turning point of a motion with this energy on one side of a well, at constant charge."""
     coupling = getattr(device.transducer, "coupling", 0.0)
 
     def spare(away):
@@ -312,7 +312,7 @@ def _widths(nodes, density):
     peaks = peaks if peaks.size else np.array([values.argmax()])
     sides = []
     for deviations in (1.0, 3.0):
-        # Where a normal density has fallen after so many standard deviations.
+        # Number of standard deviations after which a normal density counts as zero.
         fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
         left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
         right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]

@@ -30,7 +30,7 @@ STEPS_OF_STIFFENING = 1.25
 # A contact shorter than a sixth of a period shortens the step, at most by the second factor: during
 # a much shorter contact the noise hardly changes.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
-# The residual of a period, in tolerances, may be this share of what the slowest mode moves in it.
+# Largest residual of a period, in tolerances, as a share of the slowest mode's change in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 # If wells that differ are crossed less often per period than the first, those that hold at least
 # the second share of the time get a direction of their own.
@@ -59,7 +59,7 @@ class StationaryProblem:
         self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
     def take(self, work: float, ahead: float = 0.0) -> None:
-        """Subtract this work (amplitudes times steps) from what is left, or refuse."""
+        """Subtract this work (amplitudes times steps) from the budget; raise if that is spent."""
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
@@ -70,7 +70,7 @@ class StationaryProblem:
 
 
 class Solution:
-    """Stationary state on one grid: what a period leaves as it is.
+    """Stationary state on one grid: a period leaves it unchanged.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class Solution:
         return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
-        """The stationary state, from one that is near it; a period changes so small a share."""
-        # The first period on a new grid removes what the interpolation between grids added.
+        """The stationary state, from one near it; a period changes at most this share of it."""
+        # The first period on a new grid removes the error of interpolation between grids.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
         # Jumps are slow against all else: many other directions would not represent them.
@@ -149,7 +149,7 @@ class Solution:
         return state / state[:, :, 0].sum()
 
     def _later(self, state):
-        """The state a period later."""
+        """Return the state one period later."""
         self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
 
@@ -206,7 +206,7 @@ def _hurry(device, time):
 
 
 def _gibbs(device, region, grid):
-    """A Gibbs density with the region's spread of X', its charge about that of the nearest well."""
+    """Gibbs density with the region's spread of X' and the charge of the nearest well."""
     wells = np.array(timescales.wells(device)) if region.well is None else np.array([region.well])
     coupling = getattr(device.transducer, "coupling", 0.0)
     nearest = wells[np.abs(grid.x[:, None] - wells).argmin(axis=1)]

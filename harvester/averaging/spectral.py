@@ -22,7 +22,7 @@ LOWEST, HIGHEST = 2.0**-10, 2.0**34
 BEYOND = np.array([1e14, 1e15])
 # The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated at this many places, up to this many standard deviations.
+# A Gaussian density is tabulated at this many points, up to this many standard deviations.
 DEVIATIONS, PLACES = 6.0, 241
 
 
@@ -43,7 +43,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     -----
     With the state z = (X, X', e), z' = A z + b η + d η', its covariance is
     ∫ Re[h h*] G df, h = d + (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2.
-    Only where the base's acceleration moves charge by itself is d = (0, 0, κ) not zero. Pieces of
+    Only if the base acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of
     the quadrature end where G bends and at each resonance, and double away from it.
     """
     system = ready.system
@@ -199,7 +199,7 @@ class GaussianDensity:
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """A density as a table: (places, values)."""
+        """A density as a table: (points, values)."""
         axis = self.names.index(name)
         deviation = math.sqrt(self.covariance[axis, axis])
         spring = self.system.spring

@@ -1,4 +1,4 @@
-"""Density of X − Z, and so of the voltage, from a state known at a few nodes of Z.
+"""Density of X − Z, and so of the voltage, from a state at a few nodes of Z.
 
 The nodes give moments of Z. Where these and X' determine the density, as for a fast load, Z has a
 normal density at each X and X'. Else, as of a slow load whose charge may be that of a well that
@@ -12,13 +12,14 @@ from scipy.ndimage import convolve1d, map_coordinates
 
 from harvester.averaging.flow import PhaseGrid
 
-# This filter removes what changes sign from node to node, and keeps moments up to the third.
+# This filter removes components that change sign from node to node, and keeps moments up to the
+# third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 # Number of voltages X − Z at which the density is tabulated.
 VALUES = 481
-# Places with less than this share of the greatest mass are left out of the density of Z.
+# Points with less than this share of the greatest mass are left out of the density of Z.
 COUNTED_MASS = 1e-4
-# A normal density is followed up to so many standard deviations.
+# Number of standard deviations over which a normal density is evaluated.
 NORMAL_TAIL = 5.0
 # Number of normal densities that are summed at a time, to save memory.
 NORMALS_AT_A_TIME = 4000
@@ -95,12 +96,12 @@ def _of_greatest_entropy(grid, mass):
 
 
 def _polynomials(place, degree):
-    """Legendre's from the first on, of mean square 1: (places, degree)."""
+    """Legendre polynomials from degree 1 on, of mean square 1: (points, degree)."""
     return legvander(place, degree)[:, 1:] * np.sqrt(2.0 * np.arange(1, degree + 1) + 1.0)
 
 
 def _greatest_entropy(polynomials, moments):
-    """Shares of mass at places, (rows, places), of densities with these moments of polynomials.
+    """Shares of mass at points, (rows, points), of densities with these moments of polynomials.
 
     Exponentials of sums of the polynomials, whose weights l are least in
     ln Σ exp(l P) − l m + ½ Σ looseness l²: by Newton's method, each row with its own step.

@@ -1,6 +1,6 @@
 """Rate of saddle crossings, shares of time in the wells, and the well that holds nearly all motion.
 
-Where jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
+If jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
 grid gives them, and none is needed: of two wells alike each holds half, and of others the one that
 motion leaves the least often holds all.
 """
@@ -12,12 +12,12 @@ from harvester.averaging.grid_density import GridDensity
 from harvester.device import timescales
 from harvester.device.system import System, loss_power, potential
 
-# Hardly any motion passes a barrier of more than so many E[X'²].
+# Barrier, in multiples of E[X'²], above which crossings are negligible.
 HELD_BACK = 16.0
 # Only this share of a well's exponent S is relied upon. If it exceeds the exponent of every other
 # well by 6, the share of time in the others is below exp(−6), and one well is laid.
 SURE_SHARE, LEAST_LEAD = 0.8, 6.0
-# The exponent is an integral over so many energies, and so many places along each orbit.
+# Energies, and positions along each orbit, over which the exponent is integrated.
 ENERGIES, PLACES = 24, 201
 
 
@@ -51,7 +51,7 @@ def well_at(device: System, x: np.ndarray) -> np.ndarray:
 
 
 def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
-    """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
+    """Displacements in each well; of two symmetric wells in either: (wells, X) of 0 and 1."""
     number = well_at(device, grid.x)
     if grid.mirrored:
         number = np.minimum(number, number[::-1])
@@ -59,7 +59,7 @@ def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
 
 
 def lone_well(device: System) -> float | None:
-    """The well that may hold all motion, or one of two alike; None where several share it."""
+    """The well that holds all motion, or one of two symmetric ones; None if several share it."""
     wells = timescales.wells(device)
     if len(wells) < 2:
         return None
@@ -81,7 +81,7 @@ def driven(device: System, well: float) -> float:
 
 
 def barrier(device: System, well: float) -> float:
-    """Energy from a well over the lowest saddle beside it, a slow charge staying behind."""
+    """Energy from a well to its lowest adjacent saddle, with a slow charge held constant."""
     rate, coupling = device.transducer.decay_rate(), getattr(device.transducer, "coupling", 0.0)
     frequency = timescales.well_frequency(device, well)
     held = 0.5 * coupling / (1.0 + (2.0 * rate / frequency) ** 2)

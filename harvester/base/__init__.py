@@ -1,1 +1,1 @@
-"""What every other folder uses: errors, files, text, worker processes, compilation, registry."""
+"""Common to all folders: errors, files, text, worker processes, compilation, registry."""

@@ -1,9 +1,9 @@
-"""How functions are compiled here. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
+"""Compilation of functions. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
 
 ============  =====================================  ==========================================
 decorator     for                                    why
 ============  =====================================  ==========================================
-compiled      what Python or several callers call    kept on disk
+compiled      called by Python or several callers    kept on disk
 uncounted     a loop that makes and keeps no array   counting references costs more than its work
 merged        a part of one loop, given a device     LLVM writes it into its caller, without the
                                                      branches that a known argument rules out
@@ -56,7 +56,7 @@ def _numba():
 
 
 def _with_numba(register):
-    """Do something that needs numba, now or when it is imported."""
+    """Run `register`, which needs numba, now or when numba is imported."""
     with _importing:
         if _waiting is not None:
             _waiting.append(register)
@@ -128,10 +128,10 @@ def register_jitable(function: Callable) -> Callable:
 
 
 def merged(function: Callable) -> Callable:
-    """Let LLVM write a function into its callers: sooner done than `inlined` for a large one.
+    """Let LLVM write a function into its callers: compiles faster than `inlined` for a large one.
 
-    Uncounted as well. Where a caller knows beforehand that an argument is True or None, the code
-    is without what is then not chosen. Python calls the function as it stands.
+    Uncounted as well. If a caller knows beforehand that an argument is True or None, the compiled
+    code omits the branch that is never taken. Python calls the function unchanged.
     """
     options = {**COMMON, **UNCOUNTED, **INLINE, **WITHIN}
     overload(function, jit_options=options, strict=False, prefer_literal=True)(
@@ -153,7 +153,7 @@ def numbers_of(part: Any) -> list[float]:
 def address_of(function: Any, *arguments: Any) -> int:
     """Address at which C can call a function for arguments of these types; compiled if need be.
 
-    With the types in its signature it is found again on disk; a function made anew for each kind
+    If the types are in its signature, it is cached on disk; a function made for each kind
     of device, with the kind among its free variables, is not.
 
     `function`: a function that `compiled` has decorated.

@@ -1,4 +1,4 @@
-"""Named errors: each message is one line that says what is wrong, where, and what to do."""
+"""Named errors: each message is one line with the fault, its location and the remedy."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 
 class HarvesterError(Exception):
-    """Base of every error that a user can cause or must know of.
+    """Base of every error that a user can cause or should see.
 
-    `exit_code` is that of a command that the error ends.
+    `exit_code` is the exit code of a command that the error ends.
     """
 
     exit_code = 2
@@ -48,7 +48,7 @@ class LoadError(HarvesterError):
 
 
 class ExportError(HarvesterError):
-    """A scene cannot be written as what was asked for."""
+    """A scene cannot be written in the requested format."""
 
 
 class OutputError(HarvesterError):
@@ -91,7 +91,7 @@ class SimulationError(HarvesterError):
 
 
 class SimulatorCrashed(SimulationError):
-    """The simulator's process ended by itself or was killed."""
+    """The simulator's process crashed or was killed."""
 
 
 class SimulatorTimeout(SimulationError):
@@ -107,7 +107,7 @@ class NotConverged(SimulatorAborted):
 
 
 class LoadChatters(SimulatorAborted):
-    """A part of the load turns on and off without an end; the load's file is to be changed."""
+    """A part of the load toggles endlessly; the load's file must be changed."""
 
     exit_code = 2
 
@@ -125,7 +125,7 @@ class EnergyNotBalanced(SimulationError):
 
 
 class OutOfTime(SimulationError):
-    """The time budget was spent before there was a result; what is finished is kept."""
+    """The time budget was spent before there was a result; finished answers are stored."""
 
 
 class MissingLibrary(HarvesterError):

@@ -1,4 +1,4 @@
-"""matplotlib with its own settings and the house's, whatever settings files lie about."""
+"""matplotlib with its default settings and this project's style, without settings files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from harvester.base.surroundings import PACKAGE, away_from_working_folder
 
 
 def load_matplotlib() -> None:
-    """Import matplotlib and its styles without any settings file, whatever MPLBACKEND names.
+    """Import matplotlib and its styles without any settings file, for any MPLBACKEND.
 
     It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
     damaged would end every figure, and a pipe in its place would be waited for without end. Who
-    imports matplotlib first has what those files say.
+    imports matplotlib first has the settings of those files.
     """
     if "matplotlib" not in sys.modules:
         with _variables(MATPLOTLIBRC=os.devnull, MPLBACKEND=None), away_from_working_folder():
@@ -51,7 +51,7 @@ def _import_styles():
 
 @contextlib.contextmanager
 def _variables(**values: str | None) -> Iterator[None]:
-    """Environment variables that have these values within the block; None: not there."""
+    """Set environment variables within the block; None removes one."""
     before = {name: os.environ.get(name) for name in values}
     _set(values)
     try:
@@ -70,7 +70,7 @@ def _set(values):
 
 @contextlib.contextmanager
 def figure_settings(*styles: str | Path) -> Iterator[None]:
-    """Draw within the block by matplotlib's defaults and these styles, nothing else.
+    """Draw within the block by matplotlib's defaults and these styles alone.
 
     A `matplotlibrc` could have TeX run; a glyph that no font has is a box, and no warning.
     """

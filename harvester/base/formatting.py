@@ -156,7 +156,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 
 def in_print(unit: str) -> str:
-    """A unit for reading: "(m/s)^2" as "(m/s)²", none of what is a plain number."""
+    """Printed form of a unit: "(m/s)^2" as "(m/s)²"; empty for a dimensionless number."""
     return "" if unit == "1" else unit.replace("^2", "²").replace("^-1", "⁻¹")
 
 
@@ -202,7 +202,7 @@ def written(value: float, how: str, unit: str = "") -> Printed:
 
 
 def count(size: float | None) -> Printed:
-    """How many there are: "below 1", 96, 9,100,000."""
+    """Text of a number of items: "below 1", 96, 9,100,000."""
     if size is None or not math.isfinite(size):
         return Printed("")
     if size < 1.0:

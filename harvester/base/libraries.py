@@ -1,4 +1,4 @@
-"""Libraries that only some commands need, imported when they are."""
+"""Optional libraries, imported when a command needs them."""
 
 import importlib
 from types import ModuleType
@@ -23,7 +23,7 @@ def install_command(extra: str) -> str:
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     """Import a library that belongs to an extra of this project, or say how to install it.
 
-    `purpose`: what the library is needed for, for the message. `extra`: name of the extra in
+    `purpose`: purpose of the library, for the message. `extra`: name of the extra in
     pyproject.toml that installs it. Raises MissingLibrary if it is not installed.
     """
     try:

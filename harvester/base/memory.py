@@ -73,7 +73,7 @@ def _limit(name):
 
 
 def _taken(line):
-    """Memory that this process uses (bytes); 0 if the system does not report it."""
+    """Memory used by this process (bytes); 0 if the system does not report it."""
     with contextlib.suppress(OSError):
         match = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
         if match:

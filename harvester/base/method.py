@@ -17,7 +17,7 @@ from harvester.base.plain_text import shown
 class Method(ABC):
     """A way to an answer: an engine that simulates, or a closure.
 
-    Every field is a setting with a default. A name, such as "circuit", stands for the object with
+    Every field is a setting with a default. A name, such as "circuit", is short for the object with
     its defaults.
     """
 
@@ -34,7 +34,7 @@ class Method(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """The name that it has in calls, results and files."""
+        """Name of the method in calls, results and files."""
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Method(ABC):
         Parameters
         ----------
         key : str
-            Key under which the engine's name stands. `step` has a key of its own; other settings
+            Key of the engine's name. `step` has a separate key; other settings
             are included if they differ from their defaults.
         """
         settings = self.settings
@@ -71,7 +71,7 @@ class Method(ABC):
         Parameters
         ----------
         options : mapping of str to object
-            None stands for an option that is left out.
+            None means that the option is left out.
         """
         names = {field.name for field in fields(self)}
         stated = {name: value for name, value in options.items() if value is not None}
@@ -84,14 +84,14 @@ class Method(ABC):
         Raises
         ------
         HarvesterError
-            An option says something else than the object.
+            An option contradicts the object.
         """
         for name, value in options.items():
             if value is None or value == defaults.get(name):
                 continue
             if not hasattr(self, name) or getattr(self, name) != value:
                 raise HarvesterError(
-                    f"{name} = {shown(value)}: stands beside a method that is given as an object; "
+                    f"{name} = {shown(value)}: not allowed with a method given as an object; "
                     f"write {type(self).__name__}({name}=…), where it has such a setting"
                 )
             message = f"{name}= is given twice, by itself and in {type(self).__name__}"

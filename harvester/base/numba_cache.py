@@ -1,4 +1,4 @@
-"""Where numba keeps what it has compiled, and whether to believe it: it is pickled machine code.
+"""Folder of numba's compiled code, and whether it is safe: it is pickled machine code.
 
 Nothing of numba is changed here: `harvester.base.numba_patches` does that.
 """
@@ -20,7 +20,7 @@ from typing import Any
 from harvester.base.surroundings import PACKAGE, foreign_writers_of, other_writers
 
 # The cache holds code for types of these packages only. Code for a part of another package is
-# compiled anew in each process, since other processes may lack that package.
+# compiled again in each process, since other processes may lack that package.
 OWN = ("harvester", "circuits")
 DIGEST_BYTES = hashlib.sha256().digest_size
 IMPORT = re.compile(
@@ -29,7 +29,7 @@ IMPORT = re.compile(
 
 
 def keep_environment_usable() -> None:
-    """Remove environment variables whose values would make numba fail.
+    """Remove environment variables with values that make numba fail.
 
     That is a number of threads below 1, and where its cache is looked for: nothing here uses its
     threads, and `is_safe` judges the usual places of the cache.
@@ -59,7 +59,7 @@ def plain_file(path: str) -> bytes | None:
 
 
 def begins_with_text(content: bytes) -> bool:
-    """Whether a pickled text stands in front, as the version does in an index of any release."""
+    """Whether the data begin with a pickled text, such as the version at the head of an index."""
     try:
         return isinstance(pickle.loads(content), str)
     # Damaged bytes may raise anything.
@@ -68,7 +68,7 @@ def begins_with_text(content: bytes) -> bool:
 
 
 def unpickled(content: bytes, path: str) -> Any:
-    """Unpickle the content behind a digest; None if the digest does not match or a class is
+    """Unpickle the content after a digest; None if the digest does not match or a class is
     missing."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
@@ -85,8 +85,8 @@ def _say_damage(path: str) -> None:
     if not _said:
         _said.append(path)
         print(
-            f"harvester: {path}: compiled code that is damaged, or that others may write; it is "
-            "compiled anew",
+            f"harvester: {path}: compiled code is damaged, or other users may write it; it is "
+            "compiled again",
             file=sys.stderr,
         )
 
@@ -122,7 +122,7 @@ def alone(folder: Path, name: str) -> Iterator[None]:
 
 @functools.cache
 def _lock_file(folder):
-    """Open for as long as the process lives: closing it would give up all its locks."""
+    """Open the lock file for the process's lifetime: closing it would release all its locks."""
     try:
         import fcntl
 
@@ -183,7 +183,7 @@ def _source(name):
 def is_safe() -> bool:
     """Whether nobody but this user and the program's owner may write to numba's cache.
 
-    It lies in NUMBA_CACHE_DIR, else beside the sources, else in a folder of the user's.
+    It is in NUMBA_CACHE_DIR, else next to the sources, else in a folder of the user.
     """
     from numba.core import config
     from numba.misc.appdirs import AppDirs

@@ -6,7 +6,7 @@ It is imported here and nowhere else: when it is imported and whenever it compil
 Each change was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what
 it replaces there stays as it was: `tests/harvester/base/test_numba_patches.py` compares that with
 `REPLACED` and fails where numba has changed it. Then read the new source, see that the patch
-still does what its docstring says, and write the new digest here.
+still does as documented, and write the new digest here.
 
 ==================================  ==============================================================
 what                                why
@@ -87,7 +87,7 @@ def keep_own_index() -> None:
     """Make numba's cache hold types of this program only, and take no file that is damaged.
 
     An index is read whole: with a type whose module is gone numba would stop there. A file whose
-    digest does not match is compiled anew, which is said; one that cannot be written is left out.
+    digest does not match is compiled again, with a warning; one that cannot be written is skipped.
     """
 
     class OwnIndex(caching.IndexDataCacheFile):
@@ -164,7 +164,7 @@ def load_alone() -> None:
 
 
 def wait_for_other_processes() -> None:
-    """Let a process that needs code which another is just compiling wait and take that one's.
+    """Make a process wait for code that another process is compiling, and load that code.
 
     Workers that begin together would all compile the same for seconds.
     """

@@ -7,7 +7,7 @@ import numbers
 import re
 
 POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
-# Units that people write behind a prefix.
+# Units that people write after a prefix.
 UNITS = ("m", "s", "V", "A", "W", "F", "H", "Hz", "N", "Ω", "ohm", "Ohm", "kg")
 _LISTED = "k, meg, m, u, n, p"
 _NUMBER = re.compile(
@@ -16,7 +16,7 @@ _NUMBER = re.compile(
 
 
 class NotANumber(ValueError):
-    """A text is no number, or one with two readings; the message says what to write."""
+    """A text is no number, or is ambiguous; the message gives the correct form."""
 
 
 def is_real(value: object) -> bool:
@@ -55,7 +55,7 @@ def number(text: str, unit: str | None = None) -> float:
     if percent and not percent[3]:
         raise NotANumber(f"write {float(percent[0]) / 100.0:g} for {percent[0].strip()} %")
     if not match:
-        raise NotANumber(f"write a number, perhaps with one of {_LISTED} behind it")
+        raise NotANumber(f"write a number, perhaps followed by one of {_LISTED}")
     digits, exponent, suffix = match.groups()
     if suffix == "M":
         raise NotANumber(

@@ -1,8 +1,8 @@
-"""Words that somebody else chose (names of files, keys, messages), made safe to show and to write.
+"""Text from outside (names of files, keys, messages), made safe to show and to write.
 
-What is shown goes through `one_line`, values and keys in messages through `shown` and `named`; what
-becomes part of netlists, figures, tables and names of files is made a name by `name` where it
-enters; JSON keeps every character, by `json_text`.
+Displayed text goes through `one_line`, values and keys in messages through `shown` and `named`;
+text that becomes part of netlists, figures, tables and names of files is made a name by `name`
+where it enters; JSON keeps every character, by `json_text`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ LONGEST_SHOWN = 80
 LONGEST_NUMBER_BITS = 128
 # Limits on the words that are compared: the time is proportional to the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
-# A known word is suggested when it shares at least this part of its letters with what was written.
+# Share of common letters from which on a valid word is suggested.
 LEAST_COMMON_SHARE = 0.5
 
 
 def one_line(text: object) -> str:
     """Printable text on one line.
 
-    Blanks of every kind become a space, and what cannot be printed (control characters, marks that
+    Blanks of every kind become a space, and unprintable characters (control characters, marks that
     turn the direction of writing, undecodable bytes) its escape.
 
     Examples
@@ -53,7 +53,7 @@ def one_line(text: object) -> str:
 
 
 def name(text: object) -> str:
-    """A name for netlists, figures, tables and files; `_` stands for what has a meaning there.
+    """A name for netlists, figures, tables and files; `_` replaces special characters.
 
     Examples
     --------

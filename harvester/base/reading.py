@@ -1,4 +1,4 @@
-"""Files that a user names are read whole, if they are plain files of a sane size."""
+"""Reading of files that a user names: whole, if plain and of limited size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 
-# One record may take this share of the machine's memory, and never more than so many bytes.
+# Largest share of the machine's memory, and largest number of bytes, for one record.
 MEMORY_SHARE = 0.25
 LARGEST_MEMORY = 4 * 2**30
 
@@ -23,7 +23,7 @@ _SORTS = (
 
 
 def memory_limit() -> int:
-    """Bytes that one record may take while it is read and conditioned, in each process."""
+    """Largest memory for reading and conditioning one record, in each process (bytes)."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return int(min(MEMORY_SHARE * physical, LARGEST_MEMORY))
 
@@ -38,7 +38,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     try:
         # Checked before it is opened, since opening a device may have an effect.
         _check(os.stat(file), where, noun, largest)
-        # O_NONBLOCK: a pipe that has taken the file's place since then does not block.
+        # O_NONBLOCK: a pipe that has replaced the file since then does not block.
         descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as stream:
             return stream.read(_check(os.fstat(descriptor), where, noun, largest))
@@ -54,7 +54,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
 
 
 def _check(status, where, noun, largest):
-    """Refuse what is no plain file or too large; returns the size in bytes."""
+    """Return the size of a file in bytes; raise if it is no plain file or too large."""
     for is_sort, sort in _SORTS:
         if is_sort(status.st_mode):
             raise SceneError(

@@ -17,7 +17,7 @@ Part = TypeVar("Part")
 
 
 class Registry(UserDict[str, Part]):
-    """Parts by name: this program's own, and those of the entry points of a group.
+    """Parts by name: the built-in ones, and the entry points of a group.
 
     Entry points are looked up when a name is asked for that is not there: reading their list takes
     some hundredths of a second, and loading one imports another package.
@@ -48,7 +48,7 @@ class Registry(UserDict[str, Part]):
             self[point.name]
 
     def name_of(self, part: Part) -> str:
-        """The name under which a part stands here; a process that was handed it may not know yet.
+        """Return the name under which a part is registered; register it if this process has not.
 
         Raises
         ------

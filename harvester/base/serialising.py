@@ -1,4 +1,4 @@
-"""Frozen dataclasses as plain values for JSON, and back: their fields say what there is.
+"""Frozen dataclasses as plain values for JSON, and back, by the types of their fields.
 
 >>> from dataclasses import dataclass, field
 >>> @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 
-# For each type of a plain value a test of it, and what a value must be.
+# For each type of a plain value a test of it, and its name for messages.
 _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
     str: (lambda value: isinstance(value, str), "a text"),
     float: (is_real, "a number"),
@@ -79,11 +79,11 @@ _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
 
 
 class NotAValue(Exception):
-    """A value is of another type than the one that is read; the message says where it stands."""
+    """A value has another type than the type that is read; the message names its key."""
 
 
 def read(kind: Any, value: Any, where: str) -> Any:
-    """A value of an annotated type, from what `plain` made of it.
+    """A value of an annotated type from its plain form, the inverse of `plain`.
 
     Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
     defaults, and so have those that are missing.

@@ -40,13 +40,13 @@ class Kind:
     Attributes
     ----------
     metavar : str
-        Stands for the value in a command's help; FILE and DIR are completed by the shell.
+        Placeholder of the value in a command's help; FILE and DIR are completed by the shell.
     required : str
-        Text: what a value must be.
+        Description of valid values.
     holds : callable or None
         Function that tells whether a value is allowed; None: all are.
     option : str
-        Name of the option where it is not that of the parameter.
+        Name of the option if it differs from the parameter's.
     read : callable or None
         The value that a text of the command line means; a ValueError or LookupError refuses it.
         With `words` it is given a list of texts. None: a number or the text, by the Python type.
@@ -104,7 +104,7 @@ def range_of(text: str) -> tuple[float, float]:
 
 
 def window_of(text: str) -> tuple[float, float]:
-    """Two times in seconds from START:END, or from "all" those of the whole run."""
+    """Return two times in seconds from START:END; "all" means the whole run."""
     start, stop = (0.0, math.inf) if text == "all" else map(float, text.split(":"))
     return start, stop
 
@@ -203,14 +203,14 @@ class RunnerOptions(TypedDict, total=False):
     Parameters
     ----------
     time_budget : float or None
-        Begin nothing new after so many seconds, and end what runs 5 % longer; the same call
+        Start no task after this number of seconds, and end running tasks 5 % later; the same call
         goes on.
     workers : int or None
         Processes (default: one a core).
     scheduler : str or None
         Address of a Dask cluster, instead of processes here.
     output : str or Path or None
-        Folder for results, and for every finished piece: run the same command again to go on
+        Folder for results, and for every finished part: repeat the same command to continue
         after a kill.
 
     Other Parameters
@@ -219,7 +219,8 @@ class RunnerOptions(TypedDict, total=False):
     time_limit : float
         Wall-clock limit of one realization (s).
     progress : callable or False or None
-        Given the share done, 0 … 1, and a few words. None shows a bar in a notebook, False none.
+        Called with the finished share, 0 … 1, and a few words. None shows a bar in a notebook,
+        False none.
     runner : Runner or None
     """
 
@@ -227,8 +228,8 @@ class RunnerOptions(TypedDict, total=False):
     workers: Count | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    # `open_runner` annotates these two by their types. They stand above this module, so that it has
-    # Any.
+    # `open_runner` annotates these two by their types. They are in rooms above this one, so that it
+    # has Any.
     executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | Literal[False] | None
@@ -242,7 +243,7 @@ class Option(NamedTuple):
     ----------
     name : str
     type : object
-        Type of the value, without the None that stands for a value left out; None where only a type
+        Type of the value, without None for a value left out; None if only a type
         checker knows the names in it.
     kind : Kind
     default : object
@@ -296,7 +297,7 @@ class Option(NamedTuple):
 
 @functools.cache
 def options_of(function: Callable) -> dict[str, Option]:
-    """A function's parameters by name, with those of the typed dictionary that collects others."""
+    """A function's parameters by name, including those of its `**options: Unpack[…]`."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
     for name, parameter in inspect.signature(function).parameters.items():
@@ -325,7 +326,7 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
 
 @contextlib.contextmanager
 def named_as_called(function: Callable) -> Iterator[None]:
-    """In errors of the block name parameters of the function, and not options of its command.
+    """Within the block, errors name parameters of the function instead of command options.
 
     Nothing changes while a command runs.
     """

@@ -1,4 +1,4 @@
-"""Standard output and error that may be full, closed or ASCII only: a run goes on without them."""
+"""Standard output and error may be full, closed or ASCII only: a run continues without them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ codecs.register_error("harvester.plain", _plain)
 
 
 class GuardedStream:
-    """A text stream that remembers its first failure, and takes and drops all that follows.
+    """A text stream that remembers its first failure and discards all later output.
 
     `stream`: None: it was closed when the process began.
 
@@ -62,7 +62,7 @@ class GuardedStream:
 
     @property
     def buffer(self) -> Any:
-        """The stream beneath, guarded alike."""
+        """The underlying binary stream, guarded too."""
         return _GuardedBuffer(self, self._stream.buffer)
 
     def attempt(self, action: Callable) -> None:
@@ -73,7 +73,7 @@ class GuardedStream:
                 action()
             except OSError as error:
                 self.failure = error
-                # What the stream still holds goes nowhere, or Python would fail on it at the end.
+                # Discard the stream's buffer, or Python would fail on it at exit.
                 with contextlib.suppress(OSError):
                     _open_nowhere(self._stream.fileno())
                     self._stream.flush()
@@ -92,7 +92,7 @@ class _GuardedBuffer:
 
 
 class _Closed(io.TextIOBase):
-    """Stands for a stream that was closed when the process began."""
+    """Replacement of a stream that was closed when the process began."""
 
     encoding = "utf-8"
 
@@ -112,7 +112,7 @@ def guarded_streams() -> Iterator[Callable]:
     ------
     callable
         The exit code that becomes of another one when standard output could not be written, which
-        it says on standard error. A reader that had enough (`| head`) is no failure.
+        prints it on standard error. A reader that closes the pipe (`| head`) is no failure.
     """
     for number in range(3):
         try:
@@ -139,7 +139,7 @@ def guarded_streams() -> Iterator[Callable]:
 
 
 def _open_nowhere(number):
-    """Make a file number lead nowhere, also for processes begun from here."""
+    """Redirect a file descriptor to the null device, also for child processes."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     if nowhere != number:
         os.dup2(nowhere, number)

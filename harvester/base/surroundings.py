@@ -34,7 +34,7 @@ def away_from_working_folder() -> Iterator[None]:
 def foreign_writers_of(path: str | Path) -> str:
     """Which other user (not this one, not the program's owner) may change the file at a path.
 
-    The path is of a file or a folder; what is not there yet is made by this user. Returns the place
+    The path is of a file or a folder; missing folders are made by this user. Returns the path
     and the reason; empty where nobody may.
     """
     path = Path(os.path.realpath(path))

@@ -19,20 +19,20 @@ DEFINITIONS = {
     "power_conversion_efficiency_of_input": "power into the load over the mechanical input",
     "converter_efficiency": "power harvested at the load's output over the power into the load",
     "end_to_end_efficiency": "power harvested at the load's output over the mechanical input",
-    "mean_power_used_at_output": "what the output takes; less what the load's sources supply, it "
-    "is the mean output power, which is harvested",
+    "mean_power_used_at_output": "power that the output takes; less the power from the load's "
+    "sources, it is the mean output power, which is harvested",
     "mean_storage_power": "into all capacitors, coils and batteries of the load; with output power "
     "and converter loss it adds up to the mean power",
     "mean_device_storage_power": "growth of the device's kinetic, spring and transducer energy; "
     "with mean power and mean loss power it adds up to the mean input power",
-    "stored_energy": "of all capacitors and coils of the load, and what batteries took in the "
+    "stored_energy": "of all capacitors and coils of the load, plus the charge of batteries in the "
     "measured time",
     "stored_energy_per_hour": "the mean storage power of the measured time, times an hour",
 }
 
 
 def definitions(names: Iterable[str]) -> list[str]:
-    """One line for each quantity among these whose name does not say what it is."""
+    """One line of explanation for each of these quantities that needs one."""
     return [
         f"{name.replace('_', ' ')}: {DEFINITIONS[name]}" for name in names if name in DEFINITIONS
     ]

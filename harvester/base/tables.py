@@ -21,7 +21,7 @@ def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence])
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence]) -> str:
-    """A table as CSV; an empty cell stands for what is not a number."""
+    """Write a table as CSV; cells that are not numbers are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)

@@ -1,4 +1,4 @@
-"""Temporary folders, which the next run clears where one that was killed has left them."""
+"""Temporary folders; the next run removes folders of killed runs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ IN_USE, UNLOCKED = "harvester-run-", "harvester-new-"
 class TemporaryFolder:
     """An empty folder of this process, removed by `cleanup`, by the end of the block or process.
 
-    A process that is killed leaves its folder behind. The system then releases the folder's lock,
-    by which the next process that makes one knows that nobody owns it.
+    A killed process does not remove its folder. The system then releases the folder's lock,
+    by which the next process that makes one sees that it has no owner.
 
     `within`: folder in which it is made; None: the system's folder for temporary files.
 
@@ -51,7 +51,7 @@ class TemporaryFolder:
         self.cleanup()
 
     def cleanup(self) -> None:
-        """Remove the folder with what is in it."""
+        """Remove the folder with its content."""
         self._end()
 
 
@@ -77,7 +77,7 @@ def _is_own_folder(entry):
 
 
 def _lock(folder):
-    """A handle that holds the folder's lock; None where another process or no one can have it."""
+    """A handle that holds the folder's lock; None if the lock is taken or not available."""
     try:
         import fcntl
 

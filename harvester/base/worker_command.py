@@ -1,7 +1,7 @@
-"""How a worker process is started: nothing of the working folder, nothing of chance.
+"""Start of a worker process, independent of the working folder and environment.
 
-It runs in an empty folder of its own, imports nothing from the working folder or by Python's
-environment variables, and sees only those variables that say where this machine keeps its things.
+It runs in a new empty folder, imports nothing from the working folder or by Python's
+environment variables, and sees only those variables that name folders of this machine.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# Packages that the worker needs beside harvester itself.
+# Packages that the worker needs in addition to harvester.
 REQUIRED = ("numpy", "scipy", "numba", "cffi", "PySpice")
 # Variables that list folders. Relative ones are removed: they would lead into the working folder.
 SEARCHED = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH")
@@ -23,7 +23,7 @@ PREFIXES = ("LC_", "NUMBA_")
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 # The worker imports harvester's own packages from where the caller has them, before anything else
-# is on its path: what they import of Python's own library at their head is imported before.
+# is on its path: modules of the standard library that they import are imported before.
 # Packages that its environment lacks are searched where the caller finds them.
 _START = f"""\
 import __future__, importlib.util, json, os, sys, warnings

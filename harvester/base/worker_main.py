@@ -74,9 +74,9 @@ def main() -> None:
 
 
 def _read_calls(calls):
-    """Pass calls on; when the parent is gone, end at once, whatever runs.
+    """Pass calls on; end immediately when the parent has ended.
 
-    The process takes its own empty folder along: nobody else is left to.
+    The process removes its own empty folder, since no other process is left to do it.
     """
     stream = sys.stdin.buffer
     while True:
@@ -87,6 +87,6 @@ def _read_calls(calls):
                 os.rmdir(os.getcwd())
             os._exit(0)
         except BaseException as error:
-            # If a call cannot be read, the process ends: the caller would wait for ever.
+            # If a call cannot be read, the process ends: otherwise the caller would wait endlessly.
             print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
             os._exit(72)

@@ -97,7 +97,7 @@ class WorkerPool:
         calls : sequence of dict
             Arguments by name.
         on_progress : callable or None
-            Given (index, report).
+            Called with (index, report).
         keep_going : bool
             Make a call whose process crashed or ran out of time once more, and return a
             SimulationError that stays instead of its result. Without it the first error ends the
@@ -124,7 +124,7 @@ class WorkerPool:
     ) -> Future:
         """One call as with `keep_going` in `map`; returns its Future.
 
-        `report` is given what the function reports, in a thread of the pool.
+        `report` is called with the function's reports, in a thread of the pool.
         """
         return self._begin(call_twice, function, arguments, time_limit, report)
 
@@ -150,7 +150,7 @@ class WorkerPool:
             self._idle.put(worker)
 
     def _begin(self, *call):
-        """Start one call; returns its Future."""
+        """Start one call; return its Future."""
         if self._closed:
             raise HarvesterError("runner: its processes were ended; give one that is open")
         return self._threads.submit(self._run, *call)
@@ -166,11 +166,11 @@ class WorkerPool:
 class ExecutorPool:
     """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
-    Each of its processes keeps a worker process of its own, so that a crash or a hang of the
+    Each of its processes starts a separate worker process, so that a crash or a hang of the
     simulator never reaches the executor. There is no progress.
     """
 
-    # The executor queues tasks by itself.
+    # The executor has its own queue.
     size = math.inf
 
     def __init__(self, executor: Executor) -> None:
@@ -204,10 +204,10 @@ class ExecutorPool:
         return self._begin(function, arguments, time_limit, True)
 
     def interrupt(self) -> None:
-        """Nothing: calls that an executor has begun end by themselves."""
+        """Do nothing: calls that an executor has begun run to their end."""
 
     def _begin(self, *call):
-        """Start one call; returns its Future."""
+        """Start one call; return its Future."""
         try:
             return self._executor.submit(call_here, *call)
         # Executors have no common exception for having been shut down.
@@ -223,7 +223,7 @@ def processes(
     workers: int | None,
     calls: int | None = None,
 ) -> Iterator[WorkerPool | ExecutorPool]:
-    """The pool that was handed in or one around the executor, else workers that end with it."""
+    """The given pool or a pool around the executor, else workers for the block."""
     if isinstance(executor, (WorkerPool, ExecutorPool)):
         yield executor
     elif executor is not None:
@@ -236,7 +236,7 @@ def processes(
 def lost(error: BaseException) -> HarvesterError:
     """The error to raise for a call that an executor dropped."""
     return HarvesterError(
-        f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
+        f"the executor lost a task: {type(error).__name__}: {error}; finished answers are kept "
         "where there is an --output"
     )
 

@@ -19,7 +19,7 @@ from harvester.base import numba_cache, worker_command
 from harvester.base.errors import SimulatorCrashed, SimulatorTimeout
 from harvester.base.temporary import TemporaryFolder
 
-# So many of the last lines that a process printed are given when it died by itself.
+# Number of last printed lines that are quoted if a process crashes.
 LAST_LINES = 3
 
 
@@ -62,7 +62,7 @@ class Worker:
         time_limit : float or None
             Wall-clock seconds after which the process is killed; compilation does not count.
         on_progress : callable or None
-            Given what the function reports; the latest report is also kept for errors.
+            Called with the function's reports; the latest report is also kept for errors.
 
         Raises
         ------

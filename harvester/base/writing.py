@@ -1,4 +1,4 @@
-"""The one way to write: files whole or not at all, through their real path; streams as streams."""
+"""Writing: files whole or not at all, through their real path; streams directly."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
 MOST_LINKS = 40
-# Name of the temporary file that replaces the old one. A kill may leave it behind.
+# Name of the temporary file that replaces the old one. It remains after a kill.
 ASIDE = ".harvester-{}"
 ASIDE_BYTES = 8
 UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
@@ -43,7 +43,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
     follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
     standard output.
 
-    Raises OutputError if nothing can be written there; what was there stays.
+    Raises OutputError if nothing can be written there; an existing file stays.
     """
     content = io.BytesIO()
     yield content
@@ -64,12 +64,12 @@ def write_json(path: str | Path, content: Any) -> None:
 
 
 def finite(value: float | None) -> float | None:
-    """A number for JSON: None for None and for what is not finite."""
+    """A number for JSON: None for None, NaN and infinities."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def is_standard_output(path: str | Path | None) -> bool:
-    """Whether what is written there goes to standard output."""
+    """Whether this path is standard output."""
     return path is not None and _open_file(path) == STANDARD_OUTPUT
 
 
@@ -82,7 +82,7 @@ def is_stream(path: str | Path) -> bool:
 
 
 def check_writable(path: str | Path) -> None:
-    """Refuse early what could not be written after a long run."""
+    """Raise early if a result could not be written after a long run."""
     if path is None:
         return
     with _named(path):
@@ -137,7 +137,7 @@ def _named(path):
 
 
 def _open_file(path):
-    """Number of this process's open file that a path stands for, or None."""
+    """Descriptor of this process's open file that a path such as /dev/fd/3 names, or None."""
     if str(path) == "-":
         return STANDARD_OUTPUT
     folders = {os.path.realpath(folder) for folder in OPEN_FILES}
@@ -167,7 +167,7 @@ def _status(path):
 
 
 def _real_path(path, status):
-    """Where the file is or will be; a link to a place whose folder is missing is refused."""
+    """Path of the file to be written; raises if it is a link into a missing folder."""
     real = Path(os.path.realpath(path))
     if status is None and os.path.islink(path) and not real.parent.is_dir():
         raise OutputError(f"{path}: is a link into a folder that is not there, {real.parent}")
@@ -198,7 +198,7 @@ def _write_standard_output(content):
 
 
 def _replace(real, old, content):
-    """Put a whole file in the place of the old one, or of none; nothing is left of a failure."""
+    """Replace or create a file as a whole; after a failure nothing has changed."""
     real.parent.mkdir(parents=True, exist_ok=True)
     aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
     try:
@@ -213,7 +213,7 @@ def _replace(real, old, content):
 
 
 def _keep_rights(path, old):
-    """Owner and permissions of the file that is replaced, as if it had been written in place."""
+    """Give the new file the owner and permissions of the replaced one."""
     new = os.stat(path)
     if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
         with contextlib.suppress(OSError):

@@ -28,7 +28,7 @@ def netlist(
     step: Step = "default",
     realization: int = 0,
 ) -> None:
-    """Write a stand-alone .cir that plain `ngspice -b` runs.
+    """Write a self-contained .cir that plain `ngspice -b` runs.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ def netlist(
     output : str
         File, or folder for SCENE.cir (default: standard output).
     dialect : str
-        ngspice, or ltspice, with the noise in FILE-noise.txt beside FILE.
+        ngspice, or ltspice, with the noise in FILE-noise.txt next to FILE.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int
-        Whose noise path.
+        Number of the realization with the noise path.
 
     Examples
     --------
@@ -71,8 +71,8 @@ def export(
     scene : Scene
     kind : str
         deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
-        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
-        the load takes over time.
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd,
+        voltage and current of the load over time.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None
@@ -80,7 +80,7 @@ def export(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int or None
-        Whose noise path (default: 0).
+        Number of the realization with the noise path (default: 0).
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
@@ -116,7 +116,7 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     nodes : str or None
         The harvester's two nodes and the output's two, P,N,OUT,REF or P,N (default: asked for).
     remove : str
-        Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
+        Elements that represent the harvester, in addition to the sources between its nodes: V1,C1.
     output : str
         The load's file, NAME.lib (default: standard output).
 
@@ -137,7 +137,7 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     text = read_text(Path(file))
     listed = f"nodes: {', '.join(candidates(text))}"
     if not nodes and not sys.stdin.isatty():
-        raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
+        raise HarvesterError(f"--nodes P,N,OUT,REF: name the harvester's nodes; {listed}")
     if not nodes:
         print(f"{listed}\nharvester's two and the output's, P,N,OUT,REF: ", end="", file=sys.stderr)
         nodes = sys.stdin.readline()

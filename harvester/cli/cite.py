@@ -36,7 +36,7 @@ def cite(result: File | None = None, /) -> None:
 
 
 def all_sources() -> list[dict[str, Any]]:
-    """All sources: `method`, `reference` and what decides whether a result rests on them."""
+    """All sources: `method`, `reference` and the condition under which a result rests on them."""
     text = resources.files("harvester.cli").joinpath("sources.toml").read_text("utf-8")
     return tomllib.loads(text)["source"]
 

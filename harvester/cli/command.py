@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Command:
     """A function as a command; if it returns a result, this is shown and written.
 
-    A function with the parameter `progress` is given what draws the progress bar, one with
-    `**running: Unpack[RunnerOptions]` an open runner.
+    A function with the parameter `progress` is given a function that draws the progress bar, one
+    with `**running: Unpack[RunnerOptions]` an open runner.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Command:
                 text = "Write a realization over time (see --window, --node): a .csv, .nc or .png"
                 yield Option.of("waveform", File), f"{text} file."
             yield Option.of("report", File), "Write one self-contained HTML page with everything."
-        yield Option.of("quiet", bool, False), "Show errors only, and what goes to -."
+        yield Option.of("quiet", bool, False), "Show errors only, and output to -."
 
     def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
         """The function that cyclopts reads the options from; `scenes`: see `parameter_of`."""
@@ -151,7 +151,7 @@ class Command:
         return Scene.read(values.pop("scene", scene.default), overrides)
 
     def _running(self, values: dict[str, Any]) -> dict[str, Any]:
-        """The options of the runner, taken out of those of the function."""
+        """Pop the options of the runner from the options of the function."""
         running: Any = self.running(values) if self.running else {}
         given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
         return running | {name: values.pop(name) for name in given}

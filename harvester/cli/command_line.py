@@ -30,9 +30,9 @@ SYNONYMS = (
     ("--over", "--sweep", "--vary", "--values"),
     ("--output", "--csv"),
 )
-# Most words of a call. The time to read them grows with the square of their number.
+# Largest number of words in a call. The time to read them grows with the square of their number.
 MOST_ARGUMENTS = 2000
-# After so many seconds an interrupt that C code lost is repeated.
+# Seconds after which an interrupt that C code lost is repeated.
 LOST_INTERRUPT_SECONDS = 0.1
 WELCOME = """\
 harvester simulates vibration energy harvesters. What to try first:

@@ -1,4 +1,4 @@
-"""`harvester completion`: what a shell needs to complete commands, options, scenes and files."""
+"""`harvester completion`: shell completion of commands, options, scenes and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command line shows: tables, and a progress bar on a terminal."""
+"""Output of the command line: tables, and a progress bar on a terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harvester.base.plain_text import one_line
 from harvester.cli.shown import is_quiet
 from harvester.results.view import Table, View
 
-# A progress bar appears after so many seconds; a shorter one would only flicker.
+# Seconds after which a progress bar appears; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 # Remaining times above this (s) are shown as "centuries".
@@ -29,7 +29,7 @@ def progress(
     """A function of the share done and a few words, which draws a progress bar; None when quiet.
 
     With a simulated time the bar shows the rate of it instead of the words. Off a terminal there is
-    no bar, but a line on what is left of a run that takes long.
+    no bar, but a line on the remaining time of a run that takes long.
     """
     console = Console(stderr=True)
     if is_quiet():
@@ -79,7 +79,7 @@ class _Lines:
     def __init__(self, label):
         self._label, self._share = label, 0.0
         self._words = "starting; the first run compiles, a minute or so"
-        # The speed is measured from the first report on, since the start takes a time of its own.
+        # The speed is measured from the first report on, since it excludes the start.
         self._first = None
         self._started, self._next = time.monotonic(), SAY_AFTER_SECONDS
         self._closed = threading.Event()

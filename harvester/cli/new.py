@@ -25,7 +25,7 @@ An unknown key or a value that no device has is refused in one line. docs/refere
 lists every key with its unit. Quickest look: `harvester average` and this file."""
 HEAD = "A scene of your own, copied from the built-in scene `{}`, whose comments follow."
 OWN_HEAD = "A scene of your own: your answers, and elsewhere the values of the built-in scene `{}`."
-# Factors of units that may be typed in place of a key's unit.
+# Factors of units that may be typed instead of a key's unit.
 UNITS = {
     "m": {"mm": 1e-3}, "kg": {"g": 1e-3}, "Ω": {"Ohm": 1.0}, "V s/m": {"N/A": 1.0},
     "m/s²": {"m/s^2": 1.0, "g": 9.80665},

@@ -3,8 +3,9 @@
 - A parameter that the docstring's section "Parameters" describes is an option, with that text as
   its help; "Other Parameters" are for callers from Python alone.
 - `--name` is the parameter's name, or that in its annotation (`harvester.base.signatures`).
-- A positional-only parameter is a word of the call. So is the scene, which brings --set and --seed.
-- What is left out is not handed on: the function's own default holds.
+- A positional-only parameter is a positional argument. So is the scene, which adds --set and
+  --seed.
+- Omitted options are not passed: the default of the function applies.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What commands share: open a runner, check where files go, show and write a result."""
+"""Shared by commands: open a runner, check output paths, show and write a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
-    """A runner for the block, see `harvester.open_runner`; afterwards says what to do next."""
+    """A runner for the block, see `harvester.open_runner`; afterwards prints the next step."""
     from harvester.engines.opening import open_runner
 
     try:
@@ -29,9 +29,9 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
             for line in runner.warnings:
                 print_error(line)
             if runner.out_of_time:
-                print_error("the time budget was spent: the same command goes on where it ended")
+                print_error("the time budget was spent: repeat the same command to continue")
     except KeyboardInterrupt as interrupt:
-        hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
+        hint = "the same command continues from finished answers" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 
@@ -50,9 +50,7 @@ def check_places(
     from harvester.results.files import ENDINGS
 
     if waveform and Path(waveform).suffix not in ENDINGS:
-        raise HarvesterError(
-            f"--waveform {named(waveform)}: its ending says the kind: {', '.join(ENDINGS)}"
-        )
+        raise HarvesterError(f"--waveform {named(waveform)}: must end in {', '.join(ENDINGS)}")
     for file in filter(None, (json, report, waveform)):
         check_writable(file)
     if output:
@@ -76,11 +74,11 @@ def show(result: ResultBase, title: str, json: str | None = None) -> None:
 def write_result(
     json: str | None, output: str | os.PathLike | None, name: str, result: ResultBase
 ) -> None:
-    """Write the files that were asked for; those of a folder: see `harvester.save`."""
+    """Write the files that were asked for; for the files of a folder see `harvester.save`."""
     from harvester.base.writing import write_json
     from harvester.results.files import save
 
-    # If one place is full, the other still gets the result.
+    # If one disk is full, the other still gets the result.
     try:
         if json:
             write_json(json, result.to_dict())

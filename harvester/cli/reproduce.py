@@ -38,7 +38,7 @@ def reproduce(
     thorough : bool
         Claims by longer runs, and by the circuit at every condition.
     output : str or Path
-        Folder for results, and for every finished piece: run the same command again to go on
+        Folder for results, and for every finished part: repeat the same command to continue
         after a kill (default: results).
 
     Examples
@@ -70,7 +70,7 @@ def reproduce(
     except KeyboardInterrupt as interrupt:
         hint = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
         raise KeyboardInterrupt(
-            f"{hint}; the same command goes on" if hint else interrupt
+            f"{hint}; repeat the same command to continue" if hint else interrupt
         ) from None
     finally:
         for name in (name for name in names if name in finished):

@@ -34,5 +34,5 @@ def say(text: object) -> None:
 
 
 def print_error(text: object) -> None:
-    """One line on standard error on what went wrong."""
+    """Print one line on standard error about a failure."""
     print(f"harvester: {one_line(text)}", file=sys.stderr)

@@ -1,1 +1,1 @@
-"""A device as a sum of parts: spring, damper, contacts, transducer. The only place of forces."""
+"""A device as a sum of parts: spring, damper, contacts, transducer. All forces are defined here."""

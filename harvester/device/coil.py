@@ -1,4 +1,4 @@
-"""The coil: a voltage that the velocity induces, behind winding and inductance.
+"""The coil: a voltage induced by the velocity, in series with winding and inductance.
 
 M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v, with v at the load. Scaled, with e = L i/(Φ l):
 e' = X' − λ e. Without inductance the current follows the velocity and nothing is left to
@@ -58,7 +58,7 @@ class ResistiveCoil(NoBaseForce, _Resistances):
     winding_damping
         Φ²/(M R_coil), the damping of a shorted coil (1/s).
     current_share
-        R_coil/(R_coil + R), the current over that of the shorted coil.
+        R_coil/(R_coil + R), the current over the current of the shorted coil.
     """
 
     __slots__ = ()
@@ -131,7 +131,7 @@ def coil(
 
 @table
 class CoilTable(TransducerTable):
-    """An electromagnetic transducer. `k2` may stand for `coupling`, which is computed from it."""
+    """An electromagnetic transducer. If `k2` is given, `coupling` is computed from it."""
 
     coupling: float = positive("coupling of the coil: Φ", "V s/m", usual=(1e-4, 1e4))
     resistance: float = positive(
@@ -182,7 +182,7 @@ class CoilTable(TransducerTable):
             terminal=TERMINAL,
             elements=tuple(elements),
             power_unit=1.0 / (setting.mass * setting.length**2),
-            # A capacitance whose impedance at the motion's frequency is that of the winding.
+            # Capacitance whose impedance at the motion's frequency equals the winding's.
             reference_capacitance=1.0 / (rate * self.resistance),
             state_current=LOAD_AMMETER if self.inductance > 0.0 else "",
             state_unit=self.state_unit(setting),

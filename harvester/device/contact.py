@@ -1,4 +1,4 @@
-"""Contacts: where stoppers stand, which of them act, and the sums over them.
+"""Contacts: positions of the stoppers, which of them act, and sums over their forces.
 
 A contact on the side s = ±1 acts while its depth d = s x − gap is positive; a pair of stoppers at
 ±gap is one contact with side 0. Between the gaps of all contacts the set that acts is the same:
@@ -92,7 +92,7 @@ def reaction(
 ) -> tuple[float, float]:
     """Elastic force and damping (1/s) of the contacts that act in the zone from `low` to `high`.
 
-    Those that act at a displacement are those of the zone from x to x.
+    The stoppers that act at a displacement x are those of the zone from x to x.
     """
     reactions = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
     return sum(push for push, _ in reactions), sum(rate for _, rate in reactions)
@@ -172,7 +172,7 @@ def _energy(contacts, x):
 
 @register_jitable
 def one_step(contact: Contact, x: float, square_speed: float, longest: float, steps: int) -> float:
-    """Step that takes so many steps for a contact with this speed² at its gap, ≤ `longest` (s)."""
+    """Step (s), at most `longest`, that resolves a contact with this speed² at its gap."""
     depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
     square = square_speed + 2.0 * elastic_energy(contact.law, depth)
     return shortened(contact.law, square, steps, longest)
@@ -243,7 +243,7 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 def arrival_formula(
     contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
-    """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
+    """2 [U(x) − U(s gap)]/rate², the speed² that reaches one stopper, as an expression."""
     return spring.gain_formula(x, s * contact.gap, rate, number)
 
 

@@ -1,7 +1,7 @@
 """Cores of a device's wells: states in which a well holds the mass, as opposed to a brief crossing.
 
-A mass that passes a saddle may turn back at once, or go to and fro over it until it has lost what
-energy it had too much. It has reached a well when it moves between the saddles beside it with no
+A mass that passes a saddle may turn back immediately, or cross it repeatedly until it has lost its
+excess energy. It has reached a well when it moves between the adjacent saddles with no
 more than `CORE_SHARE` of the energy that leads out of it; a jump is the way from one core to
 another. Wherever wells hold a mass for long, the rate of jumps does not depend on that share.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 # The core of a well reaches up to this share of the energy from its bottom to the lower saddle
-# beside it.
+# next to it.
 CORE_SHARE = 0.25
 
 
@@ -53,7 +53,7 @@ def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]
     """Names of the rates of jumps, with the jumps (from, to) that each counts.
 
     `wells`: more than one; counted from the left, in the names from 1 on. `alike`: two wells that
-    symmetry makes alike: one rate stands for both ways.
+    symmetry makes alike: one rate is used for both directions.
     """
     pairs = [(a, b) for a in range(wells) for b in range(wells) if a != b]
     if alike:

@@ -1,4 +1,4 @@
-"""Linear decay with a drive, exactly: what a step needs where a rate of decay is faster than it."""
+"""Exact linear decay with a drive, for decay rates that are faster than a step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def decayed(
 ) -> float:
     """y after a time, y' = −rate y + drive, the drive a parabola through three values.
 
-    Exact for any rate; for a great one it tends to end/rate, what the drive holds.
+    Exact for any rate; for a large one it tends to end/rate, the equilibrium with the drive.
 
     `value`: y at the beginning. `rate`, `time`: 1/s ≥ 0, and s. `start`, `middle`, `end`: the drive
     at the beginning, half-way and at the end.

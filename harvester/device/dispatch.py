@@ -1,8 +1,8 @@
-"""A part's own equations, called by name in Python and in compiled code alike.
+"""A part's equations, called by name in Python and in compiled code.
 
 A part is a named tuple whose methods take and return floats. `equation("force")` is a function
 whose first argument is any part: it calls that part's `force`. Compiled code finds the method by
-the part's type, so that what a device lacks is not compiled.
+the part's type, so that parts that a device lacks are not compiled.
 """
 
 from __future__ import annotations

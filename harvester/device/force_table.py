@@ -25,7 +25,7 @@ from harvester.device.dispatch import Values
 MOST_PIECES = 32
 # Every table is filled with zero terms up to this number, so that one compiled code serves all.
 TERMS = MOST_PIECES + 1
-# A smoothed table has so many points for each of its pieces.
+# Points of a smoothed table for each of its pieces.
 POINTS_PER_PIECE = 3
 # A table is symmetric if its force differs from the mirrored one by less than this share of the
 # greatest force.
@@ -35,7 +35,7 @@ INTERPOLATIONS = ("monotone", "smooth")
 
 
 class ForceTable(NamedTuple):
-    """A piecewise cubic restoring force; the equations are those of `harvester.device.spring`.
+    """A piecewise cubic restoring force; see `harvester.device.spring` for the equations.
 
     Attributes
     ----------
@@ -84,12 +84,12 @@ class ForceTable(NamedTuple):
 
     @property
     def odd_cubic(self) -> None:
-        """None: it has no closed form."""
+        """None: there is no closed form."""
         return
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds: all, in straight lines beyond the table."""
+        """Range of the force: all displacements, in straight lines beyond the table."""
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
@@ -119,7 +119,7 @@ class ForceTable(NamedTuple):
         return (k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear, k2 + 3.0 * k3 * x + square, k3 + cube)
 
     def breaks(self) -> np.ndarray:
-        """Displacements where one piece gives way to the next, ascending, both ends with them."""
+        """Displacements at which pieces meet, ascending, including both ends."""
         bent = [
             side * offset
             for side, offset, a, b in zip(
@@ -160,7 +160,7 @@ class ForceTable(NamedTuple):
         return {0, first, int(np.searchsorted(breaks, below[-1], side="right")), breaks.size}
 
     def _levels(self, value, polynomial, some=None):
-        """Where a function made of one polynomial on each piece is zero, on all or some pieces."""
+        """Zeros of a function with one polynomial per piece, on all or some pieces."""
         breaks = self.breaks()
         ends = [-math.inf, *breaks, math.inf]
         least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)
@@ -270,10 +270,10 @@ def _ladder(table: ForceTable) -> tuple[np.ndarray, np.ndarray]:
 def force_table(
     points: Sequence[tuple[float, float]], interpolation: str = INTERPOLATIONS[0]
 ) -> ForceTable:
-    """The spring through a table's points, or nearly through them.
+    """The spring through a table's points, or a smooth fit to them.
 
     `points`: displacement and force, the displacements ascending, the first below 0 and the last
-    above. `interpolation`: "monotone": through every point, nowhere beyond the two beside it
+    above. `interpolation`: "monotone": through every point, nowhere beyond its two neighbours
     (scipy's PCHIP), of which there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least
     squares, which has F'' continuous and, for each of its pieces, at least three points.
     """
@@ -297,7 +297,7 @@ def force_table(
 
 
 def _of_pieces(breaks, rising):
-    """The table of pieces that begin at breaks; their coefficients by rising powers."""
+    """Table of the pieces between breaks, with coefficients by rising powers."""
     middle = int(np.clip(np.searchsorted(breaks, 0.0, side="right") - 1, 0, len(rising) - 1))
     lengths = np.diff(breaks)
     ends = rising[:, 2] + 3.0 * rising[:, 3] * lengths
@@ -361,7 +361,7 @@ def bends_cubed(sides: tuple, offsets: tuple, cubes: tuple, fourths: tuple, x: V
 
 @functools.cache
 def _sum_of_terms(power):
-    """LLVM's own instructions, written out term by term: a loop would hold eight at a time up."""
+    """Sum of the terms as unrolled LLVM instructions: a loop would prevent vectorization."""
 
     @compilation.intrinsic
     def summed(

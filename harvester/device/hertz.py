@@ -47,7 +47,7 @@ class HertzDamp(NamedTuple):
     duration_factor: float
 
     def power_below(self, depth: Values) -> Values:
-        """d^(n−1), the power below that of the force."""
+        """Return d^(n−1), one power below the force."""
         return depth ** (self.exponent - 1.0)
 
     def elastic_force(self, depth: Values) -> Values:
@@ -128,7 +128,7 @@ class HertzDamp(NamedTuple):
         return self.duration_factor * greatest / speed
 
     def shortened(self, square_speed: float, steps: int, longest: float) -> float:
-        """Step (s) that divides a contact at this speed² into so many steps, at most `longest`."""
+        """Step (s), at most `longest`, that divides a contact at this speed² into `steps`."""
         if self.exponent == HERTZ_EXPONENT:
             # The same comparison without a power, for the usual case of a soft contact.
             bound = HERTZ_DURATION / (steps * longest)
@@ -142,7 +142,7 @@ class HertzDamp(NamedTuple):
 
 
 class Hertz(HertzDamp):
-    """The law with Hertz's own exponent n = 3/2: a type of its own, compiled without a power."""
+    """The law with Hertz's exponent n = 3/2: a separate type, compiled without a power."""
 
     __slots__ = ()
 

@@ -40,14 +40,14 @@ class Key:
     text
         Describes it, first by a short name up to a colon.
     unit, scaled
-        Unit in SI; what it is in scaled scenes.
+        Unit in SI; unit in scaled scenes.
     kind
         float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict for a
         table with a `kind`.
     element, count
-        Of a list: what each value is, and the fewest and the most of them.
+        For a list: meaning of a value, and the smallest and largest number of values.
     likely
-        Sizes that a part can have, with the unit that is often given in place of the key's: its
+        Usual sizes of a part, with the unit that is often mistaken for the key's: its
         factor and name.
     usual, asked
         Range of common devices (SI). `harvester new` asks for keys that have one or are `asked`.
@@ -149,7 +149,7 @@ class OneOf(NamedTuple):
     hint: str = ""
 
     def replaced_by(self, name: str) -> set[str]:
-        """Keys that go when the key is set."""
+        """Keys that are removed when this key is set."""
         others = {other for other, needed in self.needs.items() if name not in needed}
         return ({*self.keys} | others) - {name} if name in self.keys else set()
 
@@ -181,7 +181,7 @@ class Table:
     Attributes
     ----------
     NAME
-        Name of the table in a scene; None: that of the class in small letters.
+        Name of the table in a scene; None: the class's name in small letters.
     KEYS
         Keys that the table may hold.
     UNITS
@@ -218,15 +218,15 @@ def table(cls: type[Declared]) -> type[Declared]:
             f'scene.replace({{"{prefix}{name}": {value!r}}})'
         )
 
-    made: Any = dataclass(frozen=True)(cls)
-    made.__setattr__ = refuse
-    keys = {n: f.metadata["key"] for n, f in made.__dataclass_fields__.items() if f.metadata}
-    made.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
-    return made
+    frozen: Any = dataclass(frozen=True)(cls)
+    frozen.__setattr__ = refuse
+    keys = {n: f.metadata["key"] for n, f in frozen.__dataclass_fields__.items() if f.metadata}
+    frozen.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
+    return frozen
 
 
 def class_of(tables: Any, values: Mapping[str, Any]) -> Any:
-    """The class of a table: of several, the one of its `kind`, which is the first unless given."""
+    """The class of a table, by its `kind`; the first class is the default."""
     if not isinstance(tables, Mapping):
         return tables
     kind = values.get("kind", next(iter(tables)))
@@ -252,7 +252,7 @@ def computed(part: Any) -> list[str]:
 def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCALED) -> Any:
     """The value of one key, numbers as float or int.
 
-    Raises SceneError if it is not what the key accepts.
+    Raises SceneError if the key does not accept it.
     """
 
     def refuse(reason=""):
@@ -294,7 +294,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
     if not value <= spec.high or too_low:
         refuse()
     if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        refuse(f", and of a size that can be computed with: {SMALLEST:g} to {LARGEST:g}")
+        refuse(f", and within the range of computation, {SMALLEST:g} to {LARGEST:g}")
     if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
         least, most, factor, unit = spec.likely
         meant = value * factor
@@ -389,7 +389,7 @@ def is_word(value: object, words: Collection[str]) -> bool:
 
 
 def _named_values(values):
-    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
+    """Whether all values are numbers of limited size, or texts."""
     return all(
         isinstance(v, str)
         or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)

@@ -12,7 +12,7 @@ from harvester.device.dispatch import Values
 
 
 class NoBaseForce:
-    """A transducer on which the base's acceleration does not act directly."""
+    """Base of transducers on which the base's acceleration does not act directly."""
 
     __slots__ = ()
 
@@ -33,9 +33,9 @@ class NoBaseForce:
 
 
 class LinearTransducer(NoBaseForce):
-    """Base of the named tuples of such equations; without fields of its own.
+    """Base of the named tuples of such equations; without fields.
 
-    Methods take and return floats and are compiled as they stand. A subclass has at least
+    Methods take and return floats and are compiled. A subclass has at least
     `coupling`, `load_rate` and `own_rate` as in `TransducerRates`, and `voltage` and `loss`.
     """
 
@@ -90,7 +90,7 @@ class LinearTransducer(NoBaseForce):
 
 
 class TransducerRates(NamedTuple):
-    """The numbers of a transducer whose loss and load both discharge the state.
+    """Coefficients of a transducer whose loss and load both discharge the state.
 
     Attributes
     ----------

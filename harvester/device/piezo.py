@@ -1,7 +1,7 @@
 """The piezo: a clamped capacitance that the velocity charges, perhaps leaky (Eq. 4).
 
 M x'' + … + θ V = …, Cp V' = θ x' − Q a' − V/R_leak − i, with i into the load. Scaled:
-V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a by itself where modes of a beam
+V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a directly if modes of a beam
 that are left out follow it at once (`base_charge`); η = −μ a/l, so that κ = Q/(μ θ).
 """
 
@@ -55,9 +55,9 @@ class _ShakenRates(NamedTuple):
 
 
 class BaseForcedPiezo(PiezoLaw, _ShakenRates):
-    """A piezo in which the base's acceleration moves charge by itself.
+    """A piezo in which the base's acceleration moves charge directly.
 
-    The state is V. What is kept in Cp is W = V − κ η, W' = X' − λ V; ½βW² is energy of the
+    The state is V. Cp stores W = V − κ η, W' = X' − λ V; ½βW² is energy of the
     capacitance and of the modes left out.
 
     Attributes
@@ -97,7 +97,7 @@ def piezo(
 class PiezoTable(TransducerTable):
     """A piezoelectric transducer.
 
-    In SI `k2` may stand for `coupling`: θ is then computed from it.
+    In SI, `k2` may be given instead of `coupling`: θ is then computed from it.
     """
 
     coupling: float = not_negative(
@@ -175,7 +175,7 @@ class PiezoTable(TransducerTable):
     def network(self, setting: Setting, equations: Piezo | BaseForcedPiezo, rate: float) -> Network:
         """Capacitance, the current that the velocity drives into it, the force back, the leak.
 
-        What the base's acceleration adds is a voltage in series with the capacitance.
+        The base's acceleration adds a voltage in series with the capacitance.
         """
         volts, power_unit, charge, capacitance = 1.0, equations.coupling, 1.0, 1.0
         if setting.units == SI:

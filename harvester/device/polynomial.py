@@ -19,8 +19,8 @@ from harvester.device.dispatch import Values
 class Polynomial(NamedTuple):
     """A polynomial restoring force, its even and odd powers apart.
 
-    Where a device has only odd powers the even ones are an empty tuple and cost nothing.
-    The equations are those of `harvester.device.spring`.
+    If a device has only odd powers, the even ones are an empty tuple and cost nothing.
+    See `harvester.device.spring` for the equations.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Polynomial(NamedTuple):
 
     @property
     def line(self) -> tuple[float, float]:
-        """(F0, k1), which elements of a circuit other than `nonlinear_formula` hold."""
+        """(F0, k1), the part of the force that circuits build from linear elements."""
         tilt, linear = (*self.coefficients, 0.0, 0.0)[:2]
         return tilt, linear
 
@@ -78,7 +78,7 @@ class Polynomial(NamedTuple):
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds: all."""
+        """Range of the force: all displacements."""
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
@@ -230,7 +230,7 @@ def _in_squares(coefficients, square):
 
 
 def in_powers(coefficients: list[Any] | tuple[float, ...], x: Values) -> Values:
-    """Σ coefficients[m] x^2m, each power by two products: what the force and its slope use."""
+    """Σ coefficients[m] x^2m, each power by two products, for the force and its slope."""
     total = 0.0 * x
     for coefficient in reversed(coefficients):
         total = coefficient + total * x * x

@@ -20,15 +20,15 @@ class Record(NamedTuple):
     load_power
         Power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power
-        η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
+        η X', the power from the base (Eq. 33), and on a piezo's charge −βκ η W' (see
         `harvester.device.piezo.BaseForcedPiezo`).
     loss_power
-        What damper, contacts and the transducer's own resistance take, for a piezo
+        Power lost in damper, contacts and the transducer's internal resistance, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss
         The part of it in leak or winding.
     transducer_state
-        What the transducer stores its energy in, V of a piezo, or its W.
+        State that holds the transducer's energy, V of a piezo, or its W.
     """
 
     time: np.ndarray
@@ -46,7 +46,7 @@ class Observer(Protocol):
     """Interface of objects that receive each chunk of a realization's record."""
 
     def add(self, record: Record) -> None:
-        """Take the points in; the next chunk overwrites them."""
+        """Process the points; the next chunk overwrites them."""
 
 
 def empty_record(count: int) -> Record:
@@ -95,7 +95,7 @@ def fill(
     own_loss: float,
     state: float,
 ) -> None:
-    """Write one point; `loss` is that of damper and contacts, `own_loss` the transducer's."""
+    """Write one point; damper and contacts dissipate `loss`, the transducer `own_loss`."""
     record.time[index] = time
     record.displacement[index] = x
     record.velocity[index] = v

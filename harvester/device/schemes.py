@@ -15,7 +15,7 @@ LARGEST_DECAY = 1.0
 
 
 class Scheme(enum.Enum):
-    """How a step of Eq. 4 is taken; the value is what results call it."""
+    """Schemes for a step of Eq. 4; the value is the name in results."""
 
     RUNGE_KUTTA = "Runge-Kutta 4"
     HEUN = "Heun 2"
@@ -25,7 +25,7 @@ class Scheme(enum.Enum):
     def argument(self) -> bool | None:
         """The scheme as an argument of compiled code.
 
-        None has a type of its own: the code for Runge–Kutta, which nearly all runs take, is
+        None has a separate type: the code for Runge–Kutta, which nearly all runs take, is
         compiled without the other two, and LLVM can take eight realizations at a time. A value of
         an enumeration would leave the choice to every step.
         """

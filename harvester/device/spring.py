@@ -24,15 +24,16 @@ from harvester.device.polynomial import Polynomial
 force = equation("force")
 energy = equation("energy")
 greatest_stiffness = equation("greatest_stiffness")
-# The greatest stiffness is searched among so many points of the range.
+# Points of the range among which the greatest stiffness is searched.
 STIFFNESS_POINTS = 201
 
 
 class Ranged(NamedTuple):
     """Another spring between two displacements, such as one that softens.
 
-    Beyond its range it goes on in a straight line that leads back, so that what leaves the range is
-    seen there and is not lost in numbers that overflow; every engine ends the run with an error.
+    Beyond its range it continues as a straight line that leads back, so that a mass that leaves the
+    range is seen there and is not lost in numbers that overflow; every engine ends the run with an
+    error.
 
     Attributes
     ----------
@@ -70,12 +71,12 @@ class Ranged(NamedTuple):
 
     @property
     def odd_cubic(self) -> None:
-        """None: it has no closed form."""
+        """None: there is no closed form."""
         return
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which it holds."""
+        """Displacements between which the force holds."""
         return self.low, self.high
 
     def force(self, x: Values) -> Values:
@@ -160,7 +161,7 @@ class Ranged(NamedTuple):
 
 
 def ranged(spring: Any, low: float, high: float) -> Ranged:
-    """A spring within a range; the lines beyond are as stiff as its stiffest place."""
+    """A spring within a range; the lines beyond are as stiff as its stiffest point."""
     x = np.linspace(low, high, STIFFNESS_POINTS)
     stiffness = float(np.abs(spring.slope(x)).max())
     # A mass that leaves the range must turn within a distance like the range itself.

@@ -1,7 +1,7 @@
 """The sum of a device's parts: forces, losses and energies of Eqs. 4, 5 and 33 in scaled form.
 
 Pure functions of a `System` s, displacement x and velocity v; they take floats, also in compiled
-code. Compiled code is made for the parts that a system has: what it lacks leaves nothing behind.
+code. Code is compiled for the parts that a system has; missing parts cost nothing.
 """
 
 from __future__ import annotations
@@ -76,13 +76,13 @@ class System(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the device turned left to right is the same."""
+        """Whether the device is symmetric under x → −x."""
         mirrored = sorted(contact._replace(side=0.0 - contact.side) for contact in self.contacts)
         return self.spring.symmetric and mirrored == sorted(self.contacts)
 
     @property
     def lossy_transducer(self) -> bool:
-        """Whether leak or winding take power of their own."""
+        """Whether the leak or the winding dissipates power."""
         return not self.transducer.lossless
 
 

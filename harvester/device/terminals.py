@@ -1,10 +1,9 @@
 """Interface of every transducer: its table in a scene, and its network in neutral terms.
 
-A transducer acts on the mass with a force and hands power to what hangs on its terminals. Its own
-loss (leak, winding) never counts as power. It is one module with two classes: the named tuple of
-its scaled equations, which are those of `harvester.device.linear_transducer`, and its table,
-derived from `TransducerTable`. It joins the others by an entry in
-`harvester.scene.tables.TRANSDUCERS`.
+A transducer acts on the mass with a force and delivers power to the load at its terminals. Its
+internal loss (leak, winding) never counts as power. It is one module with two classes: the named
+tuple of its scaled equations (see `harvester.device.linear_transducer`), and its table, derived
+from `TransducerTable`. It joins the others by an entry in `harvester.scene.tables.TRANSDUCERS`.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class Setting(NamedTuple):
     mass, length
         kg and m per scaled length; 1 in scaled scenes.
     resistance
-        Of a load that is a resistor (Ω); None for others, taken as an open circuit.
+        Resistance (Ω) of a load that is a resistor; None for others, treated as an open circuit.
     decay_rate
         λ of a scaled scene's built-in resistor (1/s), else None.
     name
@@ -53,12 +52,12 @@ class Component(NamedTuple):
     Attributes
     ----------
     kind
-        What it is, and so what `value` says:
+        Kind of the element, and meaning of `value`:
         "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
         "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
         unit; the current flows from `minus` to `plus`, and out of it);
         "base voltage": a source in proportion to η (V for one scaled unit);
-        "force of voltage", "force of current": what acts on the mass against X', by the voltage
+        "force of voltage", "force of current": force on the mass against X', by the voltage
         between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
         whose name is `plus` (scaled acceleration per ampere).
     name
@@ -96,7 +95,7 @@ class Network(NamedTuple):
     state_unit
         Volts or amperes of one scaled state.
     current_per_ampere
-        What `current` of the equations is at one ampere into the load; 0 where
+        Value of `current` in the equations at one ampere into the load; 0 if
         nothing asks for it, else the load's ammeter is there for every load.
     """
 
@@ -159,7 +158,7 @@ class TransducerTable(Table):
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
         """The elements of the transducer up to its terminal.
 
-        `equations` is what the method of this name returns; `rate` is in rad/s.
+        `equations`: returned by the method of this name; `rate` is in rad/s.
         """
         raise NotImplementedError
 

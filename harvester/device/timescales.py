@@ -1,4 +1,4 @@
-"""Where a device rests and how fast it moves: wells, saddles, frequencies, relaxation, contacts.
+"""Rest positions and time scales of a device: wells, frequencies, relaxation, contacts.
 
 Functions of a `System`, in its scaled units; each answer is kept, a system being immutable.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # The density of the energy falls as exp(−H/E[X'²]), so that the energy is higher for under 1 % of
 # the time.
 RESOLVED_ENERGY = 5.0
-# Equilibria are searched among so many points. The describing function has so many nodes: it is
+# Points among which equilibria are searched, and nodes of the describing function: it is
 # exact up to the seventh power.
 SEARCH_POINTS, HARMONIC_NODES = 4001, 16
 
@@ -36,7 +36,7 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     ones alternate where the potential is bounded.
     """
     reach = _reach(system)
-    # Where no contact acts, the roots are those of the spring, exact to the last digit.
+    # Where no contact acts, the spring's roots are exact to the last digit.
     free = free_zone(system)
     exact = [float(x) for x in system.spring.roots() if free[0] <= x <= free[1]]
     points = np.unique(np.concatenate([np.linspace(-reach, reach, SEARCH_POINTS), _finite(free)]))
@@ -100,7 +100,7 @@ def _double_well(system):
 
 
 def _pressed(system, gap):
-    """Where spring and stopper balance beyond the gap."""
+    """Displacement beyond the gap at which spring and stopper balance."""
     far, step = gap, 0.1 * gap
     while elastic_force(system, far) <= 0.0:
         far += step
@@ -237,7 +237,7 @@ def fastest_angular_frequency(system: System) -> float:
     """The angular frequency (rad/s) of the fastest motion: small oscillations, or the greatest.
 
     The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
-    its stiffness is that of harmonic balance. What the contacts add belongs to the contact's own
+    its stiffness follows from harmonic balance. The contacts add to the contact's
     step.
     """
     frequency = slowest = angular_frequency(system)
@@ -277,14 +277,14 @@ def _turning_points(system, energy):
 
 
 def barrier(system: System, well: float) -> float:
-    """Energy per mass from a well to the lower of the saddles beside it; inf without any."""
+    """Energy per mass from a well to its lower adjacent saddle; inf without any."""
     bottom = float(potential(system, well))
     above = [float(potential(system, x)) - bottom for x in beside(system, well)]
     return min(above, default=math.inf)
 
 
 def beside(system: System, well: float) -> tuple[float, ...]:
-    """The saddles beside a well: tuple of float."""
+    """Saddles adjacent to a well: tuple of float."""
     return tuple(x for x in saddles(system) if _neighbours(system, well, x))
 
 

@@ -1,4 +1,4 @@
-"""Where a step leaves its contact zone, by the cubic through the step's two ends."""
+"""Exit of a step from its contact zone, by the cubic through the step's two ends."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""`simulate` and what it runs: engines, realizations, worker tasks, stored answers."""
+"""`simulate` and its engines, realizations, worker tasks and stored answers."""

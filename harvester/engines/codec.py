@@ -53,7 +53,7 @@ _KNOWN: dict[str, type] = {
 
 
 class NotAnAnswer(Exception):
-    """A stored file does not hold its task's answer; the message says why."""
+    """A stored file does not hold its task's answer, for the reason in the message."""
 
 
 def register(kind: type) -> type:

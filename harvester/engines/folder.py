@@ -1,4 +1,4 @@
-"""A study's folder: one run at a time, and what a killed run left aside taken away."""
+"""A study's folder: one run at a time; temporary files of killed runs are removed."""
 
 import contextlib
 import os
@@ -33,7 +33,7 @@ class StudyFolder(os.PathLike):
         return str(self._path)
 
     def hold(self) -> None:
-        """Hold it until `close`, and take away what a killed run left aside; again is free.
+        """Lock the folder until `close`, and remove a killed run's temporary files; repeatable.
 
         Raises FolderInUse, or OutputError if the folder cannot be used.
         """
@@ -113,7 +113,7 @@ def _lock(handle, folder):
         return [f"{folder}: this file system cannot lock: see that no other run writes there"]
     if os.fstat(handle).st_nlink == 0:
         raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
-    # A file with a second name may belong to somebody else.
+    # A file with a second name (hard link) may belong to another user.
     if os.fstat(handle).st_nlink == 1:
         with contextlib.suppress(OSError):
             os.ftruncate(handle, 0)
@@ -122,7 +122,7 @@ def _lock(handle, folder):
 
 
 def _take_away(folder):
-    """Take away a folder that holds no more than `hold` put there."""
+    """Remove a folder that holds nothing but the files of `hold`."""
     with contextlib.suppress(OSError):
         if sorted(os.listdir(folder)) == [LOCK, "points"]:
             os.rmdir(folder / "points")
@@ -131,7 +131,7 @@ def _take_away(folder):
 
 
 def _clean(folder):
-    """Take away what killed runs had not renamed yet; files of other names stay."""
+    """Remove temporary files of killed runs; files of other names stay."""
     for path in (folder, folder / "points"):
         with os.scandir(path) as entries:
             names = [

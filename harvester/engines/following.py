@@ -66,7 +66,7 @@ def forced(scene: Scene, command: str) -> Prepared:
     if excitation.period is None or excitation.random:
         raise HarvesterError(
             f'{scene.name}: excitation.kind = "{excitation.kind}": {command} needs a periodic '
-            'excitation without chance: set excitation.kind = "sine" (or a sum of sines whose '
+            'deterministic excitation: set excitation.kind = "sine" (or a sum of sines whose '
             "frequencies have a common period)"
         )
     if excitation.prescribes_displacement:
@@ -102,7 +102,7 @@ def follow(
     prepared_scene : Prepared
         As returned by `forced`.
     engine, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+        The engine's name, its step, and the options that differ from their defaults.
     starts : list of [float, float, float]
         X, X' and the transducer's state, scaled.
     periods, kept : int
@@ -111,7 +111,7 @@ def follow(
     Returns
     -------
     ndarray, shape (starts, kept + 1, columns)
-        With the columns of `harvester.statistics.stroboscope`; infinite where a start leaves the
+        Columns as in `harvester.statistics.stroboscope`; infinite where a start leaves the
         range of the spring, −infinite where it diverges.
     """
     period = float(prepared_scene.scene.excitation.period)  # type: ignore[arg-type]
@@ -150,7 +150,7 @@ def follow(
 
 
 class _Reached:
-    """Reports the share that is done of a task's equal parts, each of so many seconds."""
+    """Report the finished share of a task whose parts take equal times."""
 
     reads_points = False
 
@@ -204,7 +204,7 @@ def neighbours(
     """
     scale = sizes_of(samples[members, :, :STATE])
     # With a resistor the samples hold the whole state, so pairs begin at them; a netlist's
-    # capacitors and inductors have states of their own, so pairs begin at the starts.
+    # capacitors and inductors have states too, so pairs begin at the starts.
     if scene.load.is_resistor:
         states = samples[members, :, :STATE].reshape(-1, STATE)
         begin = states[np.linspace(0, len(states) - 1, PAIRS).astype(int)]

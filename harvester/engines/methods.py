@@ -193,7 +193,7 @@ class MonteCarlo(Engine):
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
 
     def check(self, scene: Scene) -> None:
-        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load."""
+        """Raise for scenes without Monte Carlo: a prescribed motion, some elements of a load."""
         from harvester.scene.prepared import prepared
         from harvester.scene.units import require_mass
 

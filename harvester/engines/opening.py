@@ -43,16 +43,16 @@ def open_runner(
     workers : int or None
         Processes of our own; None: one per core.
     executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
-        Executor used in place of own workers; the numbers are the same.
+        Executor used instead of own workers; the numbers are the same.
     scheduler : str or None
         Address of a Dask scheduler, instead of them.
     time_budget : float or None
-        Wall-clock seconds after which nothing is begun; what is running is ended once they are
+        Wall-clock seconds after which no task starts; running tasks are ended once they are
         exceeded by a twentieth.
     time_limit : float
         Wall-clock seconds of one realization.
     progress : callable or False or None
-        Given the share done, 0 … 1, and a few words.
+        Called with the finished share, 0 … 1, and a few words.
     runner : Runner or None
         A runner that is open already; all other options must then be left out.
 
@@ -80,7 +80,7 @@ def open_runner(
 
 @contextlib.contextmanager
 def _pool(workers, executor, scheduler):
-    """The Dask cluster's, or that of `harvester.base.worker_pool.processes`."""
+    """The Dask cluster's executor, or `harvester.base.worker_pool.processes`."""
     if executor is not None or scheduler is None:
         with processes(executor, workers) as pool:
             yield pool

@@ -1,6 +1,6 @@
 """The steady motions of a deterministic device, from the several starts of one run.
 
-`attractors` reports all of them, for `simulate`. A study prints one number a place: `followed`
+`attractors` reports all of them, for `simulate`. A study prints one number a point: `followed`
 takes the quantities of one orbit from the same groups of starts, and names the others.
 """
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Motions without a period, those of most starts, whose exponent is looked for: what still settles
+# Largest number of motions without a period whose exponent is computed: a motion that still settles
 # may make one of each start.
 MOST_EXPONENTS = 4
 # A start is in the means of its motion if its first cycle is off its last by at most this share.
@@ -57,7 +57,7 @@ SETTLED = 1e-5
 # Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
 # of fewer, starts are on one motion if they meet.
 SAMPLES, FEWEST_SAMPLES = 64, 6
-# Orbits whose powers differ by less than this share are told as one, such as mirror images.
+# Orbits whose powers differ by less than this share are reported as one, such as mirror images.
 SAME_POWER = 1e-3
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
@@ -72,7 +72,7 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
 
-    The last entries are what the other starts do.
+    The last entries are the kinds of the other starts.
 
     Parameters
     ----------
@@ -146,14 +146,14 @@ def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
 
 
 class Followed(NamedTuple):
-    """What a study takes from the starts of a run.
+    """Results of the starts of a run, for studies.
 
     Attributes
     ----------
     prepared_scene
         The scene of the realizations that are left.
     moments
-        Of the starts on the followed orbit; all under noise.
+        Moments of the starts on the followed orbit; under noise of all.
     orbits
         All orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
@@ -292,7 +292,7 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
 def _attractor(
     prepared_scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None
 ):
-    """One motion with its own means: those of a run of some of its starts, and of its cycle."""
+    """One motion with its means, from a run of some of its starts and from its cycle."""
     scaled = {}
     if moments:
         scaled = run_estimates(_alone(prepared_scene, len(moments)), moments, cost).scaled

@@ -1,4 +1,4 @@
-"""The result of a run: estimates, densities and notes from what its realizations recorded."""
+"""The result of a run: estimates, densities and notes from the records of its realizations."""
 
 from __future__ import annotations
 
@@ -142,7 +142,8 @@ def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
     frequency = timescales.angular_frequency(prepared_scene.system)
     spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
-    # Noise without a highest frequency moves the base by so much more than its straight lines do.
+    # Noise without a highest frequency moves the base by this much more than its linear
+    # interpolation.
     banded = isinstance(scene.excitation, Spectrum)
     missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
@@ -166,8 +167,8 @@ def _notes_on_starts(prepared_scene, motions):
     lines = (*repeats, *(motion.sentence(unit) for motion in motions))
     if any(motion.kind == UNDETERMINED for motion in motions):
         lines += (
-            "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
-            "exponent",
+            "whether a motion without a period is chaotic: run.starts = 100 or harvester basins "
+            "give its exponent",
         )
     if scene.run.starts:
         lines += (

@@ -1,4 +1,4 @@
-"""How far a list of tasks is, by the time that tasks of each label have taken so far."""
+"""Progress of a list of tasks, from the times of finished tasks by label."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class Stages:
 
 
 class Progress:
-    """Adds up what is done and what is left, in seconds of one core.
+    """Sum of finished and remaining work, in seconds of one core.
 
     `report` is given the share done of one list of tasks, 0 … 1, never falling, and a few words.
     """
@@ -43,14 +43,14 @@ class Progress:
         self._share, self._spent = 0.0, 0.0
 
     def begin(self, plans: int) -> None:
-        """So many plans more; after the end of all others the share begins anew."""
+        """Add plans; after the end of all others the share starts from zero."""
         if self._ended == self._plans:
             self._plans, self._ended = 0, 0
             self._share, self._spent = 0.0, 0.0
         self._plans += plans
 
     def ask(self, plan: object, label: str, ahead: float) -> None:
-        """A plan will ask for about so many tasks after those it has asked for."""
+        """Announce about how many more tasks a plan will ask for."""
         self._ahead[plan] = label, ahead
 
     def wait(self, label: str) -> None:

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
 
 REPORT_SECONDS = 0.25
-# A transient is resolved if its energies, in so many parts of the run, change by less than this
-# share when its steps are halved.
+# A transient is resolved if its energies, in this number of parts of the run, change by less than
+# this share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
 # The path of a nonlinear device under one record may be chaotic. An ensemble shows it: runs whose
 # excitation differs by these shares of the step error. With a resistor they use lanes of the
@@ -60,9 +60,9 @@ class Realization:
     Attributes
     ----------
     waveform
-        The stretch asked for.
+        Waveform within the requested window.
     electrical
-        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+        Series in addition to the waveform: `output_voltage` (scaled) of a load with an output, and
         the requested nodes and currents (V and A).
     joint
         Joint histogram, if it was requested.
@@ -70,7 +70,7 @@ class Realization:
         Processor time of one core (s), for the simulation alone, whatever else the machine
         does; of realizations run together, its share.
     started, ended
-        The system's clock (s).
+        System time at start and end (s).
     stroboscope
         Samples at the beginnings of the excitation's periods, as
         `harvester.statistics.stroboscope.Stroboscope` has them; where they were asked for.
@@ -102,7 +102,7 @@ class WaveformWindow(NamedTuple):
 
 
 class WaveformObserver:
-    """Keeps the points of a record between two times, and what a load's output has there."""
+    """Keeps the points of a record between two times, with a load's output."""
 
     def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
         self.start, self.stop = start, stop
@@ -112,7 +112,7 @@ class WaveformObserver:
         self._outputs: list[np.ndarray] = []
 
     def add(self, record: Record) -> None:
-        """Keep what lies in the window."""
+        """Keep the points within the window."""
         if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
             self._inside = np.empty(0, dtype=int)
             return
@@ -153,7 +153,7 @@ class _WatchedOutput:
         levels: Sequence[np.ndarray | None],
         energy: np.ndarray,
     ) -> None:
-        """Points with the load's measures, its levels, and behind these its probes."""
+        """Points with the load's measures, its levels, and then its probes."""
         recorded = len(self._moments.rows) - len(values)
         self._moments.add(time, voltage, values, levels[:recorded], energy)
         probes = [np.zeros_like(time) if level is None else level for level in levels[recorded:]]
@@ -197,7 +197,7 @@ def run(
     window : (float, float) or None
         Stretch of each one's waveform to keep (s).
     report : callable
-        Given the list of moments so far.
+        Called with the list of moments so far.
     joint_density, stroboscope : bool
         See `harvester.simulate`; of the stroboscope None: where starts may reach several motions.
     """
@@ -467,7 +467,7 @@ def empty_moments(prepared_scene: Prepared) -> Moments:
 def quantity_names(prepared_scene: Prepared) -> tuple[str, ...]:
     """Names of the quantities that an engine may give for a scene, without a run.
 
-    They are those of the estimates from moments that are filled with ones.
+    They are the names of estimates from moments that are filled with ones.
     """
     load = prepared_scene.scene.load.circuit
     moments = empty_moments(prepared_scene)
@@ -496,7 +496,7 @@ def _period(scene):
 
 
 def _measured(prepared_scene, spacing):
-    """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
+    """Start of the measured time (s), and numbers of batches and groups, in whole periods."""
     run, period = prepared_scene.scene.run, _period(prepared_scene.scene)
     one_path = period is None and not prepared_scene.scene.excitation.random
     batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)

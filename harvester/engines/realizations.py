@@ -30,13 +30,13 @@ from harvester.statistics.output_moments import OutputMoments
 
 # Realizations in one task if they run side by side or fast.
 REALIZATIONS_TOGETHER = 8
-# A waveform has so many periods of small oscillations and so many evenly spaced points.
+# Periods of small oscillations, and evenly spaced points, of a waveform.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
 # What the scene alone determines of stored moments, and of their jumps between wells.
 TIMES = ("start", "batch_length", "free", "saddles", "sample_interval")
 WELLS = ("start", "batch_length", "saddles", "limits", "ends", "energies")
-# From so many realizations on each has the fewest batches. The number of realizations is then no
-# part of the tasks' names, so that a longer run continues a shorter one.
+# From this number of realizations on each has the fewest batches. The number of realizations is
+# then no part of the tasks' names, so that a longer run continues a shorter one.
 MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
@@ -55,7 +55,7 @@ def realizations(
     Parameters
     ----------
     method, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+        The engine's name, its step, and the options that differ from their defaults.
 
     Returns
     -------
@@ -129,7 +129,7 @@ class Realizations:
     size
         Of a task.
     version
-        Of the program that computes, see `Runner.version`.
+        Version of the computing program, see `Runner.version`.
     density, waveform
         Whether histograms, and the beginning of the first realization, are kept.
     """
@@ -165,7 +165,7 @@ class Realizations:
         return [self._task(first, most) for first in range(start, stop, self.size)]
 
     def whole(self, count: int) -> int:
-        """The smallest number of realizations in whole tasks that holds so many."""
+        """Smallest number of realizations, in whole tasks, that is at least `count`."""
         return -(-count // self.size) * self.size
 
     def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:

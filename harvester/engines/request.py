@@ -38,11 +38,12 @@ Found = TypeVar("Found")
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
-# With a precision, the first round has so many realizations, and all rounds together at most so
-# many.
+# With a precision: realizations of the first round, and at most of all rounds
+# together.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
-# The next round brings the number of realizations to MARGIN times what the latest error bar asks
-# for, and at most to GROWTH times the present number, since the first error bars are rough.
+# The next round brings the number of realizations to MARGIN times the number that the latest error
+# bar asks for, and at most to GROWTH times the present number, since the first error bars are
+# rough.
 MARGIN, GROWTH = 1.1, 2.0
 
 
@@ -58,7 +59,7 @@ class Request:
         An engine or a closure; its name is taken too.
     precision
         Relative error of each of the quantities that realizations are added for, or None:
-        the standard error, and what the steps may cost.
+        the standard error, and the possible step error.
     quantities
         The precision applies to these; those that the scene does not have are ignored.
     step, tolerance
@@ -131,23 +132,23 @@ class Answer:
     Attributes
     ----------
     scene
-        With the number of realizations that were run.
+        Scene with the number of realizations that were run.
     quantities
         Scaled; `standard_error` is the numerical error for a closure.
     seconds
         Processor time of one core (s).
-    outcome : "complete", or what ended it early.
+    outcome : "complete", or the reason for an early end.
     simulated_time
-        Of all realizations (s); 0 for a closure.
+        Simulated time of all realizations (s); 0 for a closure.
     misses_jumps
         Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.
     on_orbits
-        Those of the notes that say which orbit was followed.
+        The notes that say which orbit was followed.
     orbits
         The orbits that starts reached without noise, the followed one first.
     density
-        Of the displacement.
+        Density of the displacement.
     moments
         One per realization, for paired differences.
     """
@@ -217,7 +218,7 @@ def answering(
     Returns
     -------
     generator
-        Of the Answer; the HarvesterError that its first task ended with; None where the time was
+        Plan of the Answer; the HarvesterError of its first task; None if the time was
         spent before that.
     """
     density = density or request.density
@@ -244,7 +245,7 @@ def answering(
 def sampling_error_budget(precision: float, step_error: float) -> float:
     """Relative standard error that with the steps' error makes up a precision.
 
-    Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
+    If the step error alone exceeds it, the precision itself; `note_on_steps` then reports it.
     """
     left = precision**2 - step_error**2
     return math.sqrt(left) if left > 0.0 else precision
@@ -276,13 +277,13 @@ def in_rounds(
     precision : float or None
         Relative error that ends it; None: the first round is all.
     judge : callable
-        Given the answers of all tasks so far and what ended them ("" while they go on), returns
-        the estimates and their relative error; 0 where more realizations would not help.
+        Given the answers of all tasks so far and the reason of an end ("" while they go on),
+        returns the estimates and their relative error; 0 if more realizations would not help.
 
     Returns
     -------
     generator
-        Of what `judge` made of the last round.
+        Value of `judge` after the last round.
     """
     had, count, answers, ahead = 0, first, [], 0.0
     while True:

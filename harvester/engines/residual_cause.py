@@ -15,15 +15,15 @@ from harvester.statistics.moments import QUANTITIES
 if TYPE_CHECKING:
     from harvester.results.result import Result
 
-# The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
+# The step is suspected if the residual is at most this multiple of (ω h)²/12, the error of the
 # trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω. Under
 # noise far above the resonance that is the motion's mean frequency.
 STEP_ERROR_FACTOR = 10.0
 # A run counts as short when the energy stored in the device changes by at least this share of the
 # energy that flows through it.
 STORED_SHARE_OF_SHORT_RUNS = 0.5
-# A residual is ascribed to load or damper when, over at least so many realizations, it has at least
-# this correlation with what that part dissipates.
+# A residual is ascribed to load or damper if, over at least this number of realizations, it has at
+# least this correlation with the dissipation of that part.
 FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
@@ -55,13 +55,13 @@ def _causes(result):
     if converter and converter.estimate < 0.0:
         yield (
             "the load's output takes more than goes into the load: there is a source in its "
-            "netlist, or its resistors and capacitors are not what was read"
+            "netlist, or its resistors and capacitors differ from the values that were read"
         )
     flow = max(abs(put_in), taken)
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
     if not share < STORED_SHARE_OF_SHORT_RUNS:
         yield (
-            f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+            f"the run is too short: the stored energy changes by {share:.2g} of the input, so "
             "that its ends matter; raise run.duration"
         )
     fastest = _fastest(prepared_scene)
@@ -75,9 +75,9 @@ def _causes(result):
         share = missing.sum() / next(iter(absorbers.values())).sum()
         names = " or the ".join(absorbers)
         yield (
-            f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it "
-            f"in every realization; the circuit's {names} differs from the one that the power is "
-            "computed with (its value, its parameters, a temperature or a multiplier)"
+            f"the {names}: the missing energy is proportional to its dissipation, {share:+.2g} of "
+            f"it in every realization; the circuit's {names} differs from the one that the power "
+            "is computed with (its value, its parameters, a temperature or a multiplier)"
         )
     load = result.scene.load.circuit
     if load and load.switches and beyond_steps:

@@ -34,7 +34,7 @@ FINER = 4
 GMIN = 1e-10
 # Capacitances of each node to ground, as shares of the transducer's.
 SHUNTS = 1e-4, 1e-3
-# At most so many expressions of the load are named.
+# Largest number of the load's expressions that are named.
 MOST_NAMED = 3
 
 
@@ -46,7 +46,7 @@ def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) 
     prepared_scene : Prepared
     engine : Engine
     simulate : callable
-        Given an engine, it returns a list of `Realization`.
+        Function of an engine that returns a list of `Realization`.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) 
     steep = (source.place for source in load.circuit.elements if source.expression)
     raise SimulatorAborted(
         f"{failure}; tried without success: {'; '.join(tried)}; give the node a capacitor, "
-        f"or smooth {', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
+        f"or smooth {', '.join(itertools.islice(steep, MOST_NAMED)) or 'the elements at it'}",
         failure.partial,
     )
 
@@ -128,7 +128,7 @@ def _too_large(system: System, realizations: list[Any], doubled: list[Any]) -> s
 def _change(moments: Moments, others: Moments) -> float:
     """Largest difference of two runs' energies, as a share of the energy that passes the load.
 
-    What goes in, what leaves the transducer, what the output takes and what the load stores.
+    Energies: input, from the transducer, taken by the output, and stored by the load.
     """
     columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
     sums = np.array([run.integrals[:, columns].sum(axis=0) for run in (moments, others)])

@@ -19,7 +19,7 @@ from harvester.engines.simulate import TIME_LIMIT
 from harvester.engines.store import MISSING, AnswerStore
 from harvester.engines.task import Task, Wanted, compute
 
-# At most so many damaged answers are named.
+# Largest number of damaged answers that are named.
 MOST_NAMED = 10
 # Share of the time budget by which tasks that are running may exceed it; then they are ended.
 OVERRUN = 0.05
@@ -30,14 +30,14 @@ Plan = Generator[Wanted, list, object]
 class Runner:
     """Answers tasks; get one from `open_runner`.
 
-    What a plan asks for next follows from earlier answers alone, and a task's answer from its
+    The next tasks of a plan follow from earlier answers alone, and a task's answer from its
     arguments: so a study that was interrupted ends in the numbers of one that was not, and any
     processes give the same.
 
     Attributes
     ----------
     folder
-        Where answers are kept on disk; None: in memory only.
+        Folder of stored answers; None: in memory only.
     out_of_time
         Whether something was left out because the time budget was spent.
     computed, reused
@@ -95,7 +95,7 @@ class Runner:
 
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
-        """Within the block, reserve this share of the remaining time for what follows it."""
+        """Within the block, reserve this share of the remaining time for later work."""
         deadline, now = self._deadline, time.monotonic()
         self._deadline = now + (1.0 - share) * (deadline - now)
         try:
@@ -130,7 +130,7 @@ class Runner:
         return self.follow(plans, on_answer, in_turn)
 
     def version(self, method: str) -> str:
-        """The version of the program that an engine or closure uses beside this package."""
+        """Version of the other program that an engine or closure uses."""
         if method != "circuit":
             return ""
         if not self._circuit:
@@ -147,15 +147,16 @@ class Runner:
         on_end: Callable[[int, object], None] | None = None,
         in_turn: bool = False,
     ) -> list:
-        """Carry out several plans at the same time; returns what each of them returns.
+        """Carry out several plans at the same time; returns the list of their return values.
 
         Parameters
         ----------
         plans : iterable of generator
             Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
-            are there. If a result is None the time is spent: it should return what it has.
+            are there. If a result is None the time is spent: the plan should return a partial
+            result.
         on_end : callable or None
-            Given (index, returned value).
+            Called with (index, returned value).
         in_turn : bool
             Whether an earlier plan's later tasks go before a later plan's first ones: results then
             come one after another, else all plans get further a step at a time.
@@ -225,7 +226,7 @@ class _Following:
         return [results[key] for key in self._wanted.pop(plan)]
 
     def _ask(self, plan, task):
-        """Note what is known of a task, or wait for it."""
+        """Use the stored answer of a task, or wait for it."""
         runner, key = self._runner, task.key
         if key in self._waiting:
             self._waiting[key].add(plan)
@@ -311,7 +312,7 @@ def _outcome(future):
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
-    # If the process itself ended, the failure stands there without a time.
+    # If the process itself ended, the failure has no time.
     return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
 
 

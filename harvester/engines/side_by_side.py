@@ -1,4 +1,4 @@
-"""How many realizations an engine takes side by side: in one netlist, or in Monte Carlo's loop."""
+"""Batch sizes of realizations: in one netlist, or in Monte Carlo's loop."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harvester.scene.steps import knot_spacing, steps_per_contact, steps_per_sam
 # More copies in one netlist are no faster, as `accuracy` measures: behavioural elements soon
 # exceed the processor's cache.
 MOST_COPIES = {"behavioural": 16, "compiled": 200}
-# The realizations of a run are split into at least so many netlists, to use all cores.
+# Least number of netlists into which the realizations of a run are split, to use all cores.
 FEWEST_NETLISTS = 8
 # Fewest copies in one netlist, since copies share the shortest step: 32 compiled ones are 1.7 times
 # as fast as 8, and 3.7 times as fast as behavioural ones. There are at least two netlists all the
@@ -37,8 +37,8 @@ def copies(realizations: int, device: str) -> int:
 def together(realizations: int, workers: float) -> int:
     """Realizations that Monte Carlo takes at a time: as many for each worker, if not too many.
 
-    They share nothing: the numbers are the same whatever runs beside a realization. `workers` is
-    inf where nobody knows.
+    They share nothing: the numbers do not depend on the other realizations. `workers` is
+    inf if unknown.
     """
     among = FEWEST_NETLISTS if math.isinf(workers) else int(workers)
     rounds = math.ceil(realizations / among / MOST_TOGETHER)

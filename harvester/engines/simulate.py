@@ -56,7 +56,7 @@ def simulate(
     method : str or Method
         circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
         In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
-        below themselves; a name stands for the object with its defaults.
+        below themselves; a name is short for the object with its defaults.
     source : str
         Circuit only: external, the path through compiled callbacks, or pwl, a source in the
         netlist with ngspice's own steps, for comparison.
@@ -74,7 +74,7 @@ def simulate(
     time_limit : float
         Wall-clock limit of one realization, without compilation.
     keep_going : bool
-        Try a realization that crashes or runs out of time once more, and go on without it; the
+        Try a realization that crashes or runs out of time once more, and continue without it; the
         result's `failures` name it. Else the first failure ends the run.
     stroboscope : bool
         Keep the state at the beginning of every period of the excitation, of its lowest line or,
@@ -101,11 +101,11 @@ def simulate(
     executor : concurrent.futures.Executor or None
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
-    runner : WorkerPool or what has one as its `pool`, or None
+    runner : WorkerPool, an object with one as its `pool`, or None
         Running processes to use again (`harvester.base.worker_pool`).
     progress : callable or False or None
-        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
-        none.
+        Called with the finished share, 0 … 1, and the current method. None shows a bar in a
+        notebook, False none.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def simulate(
     HarvesterError
         An unknown name, or no ngspice.
     SimulationError
-        A realization failed, or with `keep_going` all did; `partial` is a Result of what it had.
+        A realization failed, or with `keep_going` all did; `partial` is the Result until then.
 
     Notes
     -----

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
     from harvester.scene.prepared import Prepared
 
-# If no window is asked for, the waveform has so many periods of small oscillations and at most so
-# many points. A load that switches fast may reach the number of points first.
+# If no window is asked for: periods of small oscillations in the waveform, and its largest number
+# of points. A load that switches fast may reach the number of points first.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 
@@ -41,7 +41,7 @@ def running(
 
 
 def optimal_batch_size(prepared_scene: Prepared, engine: Engine, pool: Workers) -> int:
-    """Realizations in one call of an engine: its option `copies`, else the fastest number."""
+    """Realizations per call of an engine: its option `copies`, else the fastest number."""
     count = distinct_realizations(prepared_scene)
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
@@ -112,7 +112,7 @@ def outcomes(
     stretch: WaveformWindow,
     **kept: bool,
 ) -> list[Realization | SimulationError]:
-    """A Realization or the SimulationError in its place, for every realization in order.
+    """A Realization or its SimulationError, for every realization in order.
 
     Realizations that failed together are tried again one by one. `kept` are `joint_density` and
     `stroboscope` of `simulate`. Raises SimulationError if one failed and nothing keeps going, or if

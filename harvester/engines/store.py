@@ -8,7 +8,7 @@ from harvester.base.writing import whole_file
 from harvester.engines.codec import NotAnAnswer, is_lasting, packed, read
 from harvester.engines.task import Task
 
-# Stands for a missing answer, since None may be an answer.
+# Marks a missing answer, since None may be an answer.
 MISSING = object()
 
 
@@ -20,7 +20,7 @@ class AnswerStore:
     Attributes
     ----------
     refused : dict of str to str
-        Keys to one line each: what lay under a task's name and was no answer to it.
+        Messages by key on files with a task's name that were no answer to it.
     passing : int
         Outcomes that a repeated run may not reproduce, and that are therefore not on disk.
     """
@@ -78,7 +78,7 @@ class AnswerStore:
         return self._folder / f"{task.key}.npz"
 
     def _is_free(self, task):
-        """Whether an answer may be written: what is no plain file is not ours to replace."""
+        """Return whether an answer may be written: only a plain file is replaced."""
         try:
             if stat.S_ISREG(os.lstat(self._path(task)).st_mode):
                 return True
@@ -91,7 +91,7 @@ class AnswerStore:
 
 
 def _check(task, answer):
-    """Raise NotAnAnswer where what was read cannot be an answer to this task."""
+    """Raise NotAnAnswer if the content cannot be an answer to this task."""
     if task.misfit is None or isinstance(answer, BaseException):
         return
     try:

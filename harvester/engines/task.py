@@ -35,20 +35,20 @@ class Task:
     Attributes
     ----------
     function
-        Of a module; called in a worker process as function(report=…, **arguments), where it
+        Function of a module; called in a worker process as function(report=…, **arguments); it
         reports a share of 0 … 1 or the moments of its realizations so far; returns
-        what `harvester.engines.codec` knows, and raises a HarvesterError where it fails.
+        values that `harvester.engines.codec` supports, and raises a HarvesterError if it fails.
     arguments
         Scenes, numbers, strings, None, and lists, tuples and dictionaries of these. The function
         is given the scene `scene` as `prepared_scene`, prepared.
     version
-        Of the program that computes, besides this package.
+        Version of the computing program, besides this package.
     label
         Tasks of one label take about as long as each other: for the time left.
     time_limits
-        How many of the runner's limits on wall-clock time it may take.
+        Wall-clock limit, in multiples of the runner's limit.
     misfit
-        Given an answer that was read, says what cannot be an answer to this; "" where all may.
+        Given an answer that was read, returns why it cannot answer this task; "" if it can.
     """
 
     function: Callable

@@ -24,7 +24,7 @@ class Run(Table):
     """Length and number of the realizations, and the seed.
 
     With `starts` each realization has a start drawn evenly over the device's energy range; without
-    it they begin in the wells in turn.
+    it, successive realizations begin in successive wells.
     """
 
     duration: float = positive("duration: measured time of each; of a record: all of it", "s")
@@ -50,13 +50,13 @@ def knots(usual: str) -> Any:
 def realization_seed(seed: int, index: int) -> SeedSequence:
     """The independent `SeedSequence` of one realization, the same whatever runs it.
 
-    It is the child that `SeedSequence(seed).spawn` gives at this place, without its siblings.
+    It is the child that `SeedSequence(seed).spawn` gives at this index, without its siblings.
     """
     return np.random.SeedSequence(seed, spawn_key=(index,))
 
 
 def child_seed(seed: SeedSequence, index: int) -> SeedSequence:
-    """The child that `seed.spawn` would give at this place, without changing the seed."""
+    """The child that `seed.spawn` would give at this index, without changing the seed."""
     return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index))
 
 
@@ -101,7 +101,7 @@ class Excitation(Table, ABC):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the path turned upside down is as likely."""
+        """Whether the path and its negative are equally likely."""
         return True
 
     @property
@@ -111,7 +111,7 @@ class Excitation(Table, ABC):
 
     @property
     def endless(self) -> bool:
-        """Whether there are as many independent paths as one likes."""
+        """Whether the number of independent paths is unlimited."""
         return False
 
     @property
@@ -125,7 +125,7 @@ class Excitation(Table, ABC):
 
     @property
     def period(self) -> float | None:
-        """Time after which it repeats itself (s); None where it does not."""
+        """Period of the excitation (s); None if it has none."""
         return None
 
     @property
@@ -135,11 +135,11 @@ class Excitation(Table, ABC):
 
     @property
     def drifts(self) -> bool:
-        """Whether its strength changes along the run, as in one record of an event."""
+        """Whether its strength changes during the run, as in the record of one event."""
         return False
 
     def transient(self, run: Run) -> bool:
-        """Whether a run meets a few events alone, which are no sample of a stationary signal."""
+        """Whether a run has a few events alone, which are no sample of a stationary signal."""
         return False
 
     @property
@@ -153,9 +153,9 @@ class Excitation(Table, ABC):
         return ()
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
-        """One-sided density of the base's acceleration, without `lines`; None where no one knows.
+        """One-sided density of the base's acceleration, without `lines`; None if unknown.
 
-        At frequencies (Hz) of any shape, in (m/s²)²/Hz, or that of η in a scaled scene.
+        At frequencies (Hz) of any shape, in (m/s²)²/Hz; in a scaled scene the density of η.
         """
         return None
 
@@ -178,7 +178,7 @@ class Excitation(Table, ABC):
         return False
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        """Refuse values that are valid one by one but not together, or not with this run.
+        """Raise for values that are valid alone but not together, or not with this run.
 
         `run.duration` is None where the scene leaves it to the excitation. `origin` is the file's
         or the scene's name, for the message of the SceneError.
@@ -238,7 +238,7 @@ class Excitation(Table, ABC):
 
     @abstractmethod
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        """Notes for the result: what must be known of the excitation before citing a number."""
+        """Notes for the result: caveats of the excitation."""
 
     def averaging_refusal(self) -> str:
         """Why stochastic averaging does not apply; empty where it does."""

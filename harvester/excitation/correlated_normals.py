@@ -25,7 +25,7 @@ INNER, WIDTH, HEIGHT = ziggurat.ki_double, ziggurat.wi_double, ziggurat.fi_doubl
 TAIL, INVERSE_TAIL = ziggurat.ziggurat_nor_r, ziggurat.ziggurat_nor_inv_r
 # Random words per number: one is enough but for 1.2 % of the numbers.
 WORDS_FOR_A_NUMBER = 1.02
-# So many words at the end of a block stay unused, so that no number runs out of words.
+# Random words at the end of a block that stay unused, so that no number runs out of words.
 SPARE_WORDS = 64
 DOUBLES_IN_ONE = 2.0**53
 
@@ -54,7 +54,7 @@ class NormalPath(ExcitationPath):
         self._last = math.nan
 
     def read(self, count: int) -> np.ndarray:
-        """The next numbers, in parts of any size the same."""
+        """The next numbers; the sequence does not depend on the sizes of the parts."""
         numbers, done = np.empty(count), 0
         while done < numbers.size:
             least_words = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
@@ -68,13 +68,13 @@ class NormalPath(ExcitationPath):
 
 @uncounted
 def _write(words, law, last, numbers, done):
-    """Write numbers while words last; returns how many are written, the last, and words used."""
+    """Write numbers until words run out; return their count, the last one, and words used."""
     deviation, memory, kick = law
     position = 0
     while done < numbers.size and position < words.size - SPARE_WORDS:
         word = words[position]
         position += 1
-        # Eight bits choose the strip, one bit the sign, 52 bits the place in the strip.
+        # Eight bits choose the strip, one bit the sign, 52 bits the position in the strip.
         strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         normal = across * WIDTH[strip]
         normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal
@@ -90,7 +90,7 @@ def _write(words, law, last, numbers, done):
 
 @compiled
 def _beyond(words, position, strip, across, normal):
-    """A number outside the rectangle within a strip, nan if it is refused; and the next place."""
+    """A number outside the rectangle within a strip, NaN if rejected; and the next index."""
     if strip > 0:
         density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[position]) + HEIGHT[strip]
         return normal if density < math.exp(-0.5 * normal * normal) else math.nan, position + 1

@@ -12,7 +12,7 @@ from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 from harvester.excitation.sine import DETERMINISTIC_NOTE
 
-# Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
+# Knots per cycle: enough to resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
 
 
@@ -20,8 +20,8 @@ KNOTS_PER_CYCLE = 200
 class PrescribedDisplacement(Excitation):
     """X = amplitude · sin(2π frequency t), whatever the load does.
 
-    η is then the force that moves a mass with neither spring nor damper so: what drives the piezo
-    is the power put in. Closed forms of loads are stated for this motion.
+    η is then the force that gives this motion to a mass with neither spring nor damper: the drive
+    of the piezo is the power put in. Closed forms of loads are stated for this motion.
     """
 
     amplitude: float = positive("amplitude: of the displacement", "m", "l", required=True)

@@ -36,7 +36,7 @@ PROFILES = {
 def write_out_profile(table: dict[str, Any], where: str) -> None:
     """Replace the name of a profile in an excitation's table by the profile's values.
 
-    Raises SceneError if there is no such profile, or the table has values of its own beside it.
+    Raises SceneError if there is no such profile, or the table also gives values.
     """
     if "profile" not in table or table.get("kind") != "spectrum":
         return
@@ -54,6 +54,6 @@ def write_out_profile(table: dict[str, Any], where: str) -> None:
     }
     for key in values:
         if key in table:
-            raise SceneError(f"{where}.{key}: stands in the profile {name}; leave one of them out")
+            raise SceneError(f"{where}.{key}: the profile {name} sets it: remove one of them")
     del table["profile"]
     table |= values

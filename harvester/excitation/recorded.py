@@ -37,7 +37,7 @@ NOTED_OFFSET = 0.1
 STRETCHES, STEADY = 4, 1.1
 # The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
 # if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
-# behind a filter of Q < 20 has less.
+# after a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
 # A smooth record gets this many knots for each sample. At seven samples a period, straight lines
 # between these knots lower the amplitude by 0.1 %.
@@ -63,8 +63,8 @@ class RecordedMotion(Excitation):
 
     `harvester.records` reads and mends the samples, `conditioning` filters them.
     Of a periodic record the ends are faded into each other over a twentieth of it, and each
-    realization starts at an offset of its own, drawn from the seed. A worker process reads the file
-    for itself, and refuses one that has another digest.
+    realization starts at a different offset, drawn from the seed. A worker process reads the file
+    again, and raises if its digest has changed.
     """
 
     file: str = key(
@@ -77,7 +77,7 @@ class RecordedMotion(Excitation):
     time_unit: str | None = word(
         "unit of the time column: of its heading unless given", tuple(QUANTITIES["time"])
     )
-    sampling_rate: float | None = positive("sampling rate: where the file does not say it", "Hz")
+    sampling_rate: float | None = positive("sampling rate: if the file has none", "Hz")
     start: float | None = not_negative("start: time after the first sample; earlier ones go", "s")
     scale: float | None = key("scale: the acceleration is scale · column + offset; 1 unless given")
     offset: float | None = key("offset: 0 unless given, in the unit")
@@ -213,24 +213,24 @@ class RecordedMotion(Excitation):
             *(f"record {name}: {remark}" for remark in _knots(self).remarks),
             f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
-            "below that of the band-limited signal",
+            "below the band-limited signal's",
         ]
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
                 f"the record is used {times:.1f} times over: error bars show how well this "
-                f"record's own mean is known (best over whole repeats of {length:g} s), not what "
-                "another record gives"
+                f"record's own mean is known (best over whole repeats of {length:g} s), not the "
+                "mean that another record gives"
             )
         elif self.transient(run):
             lines.append(
                 "a few events hold the record's energy: it is a transient and no sample of a "
                 "stationary signal; means times run.duration are the energies of this record, and "
-                "error bars are those of the steps, from a second run with longer steps"
+                "error bars cover the steps alone, from a second run with longer steps"
             )
         else:
             drifting = (
-                "are those of records that drift alike; between its quarters the mean square "
+                "hold for records that drift alike; between its quarters the mean square "
                 f"changes by a factor of {change:.3g}"
             )
             steady = "hold for records like it; its mean square is steady"
@@ -298,7 +298,7 @@ class RecordPath(ExcitationPath):
 
 class Knots(NamedTuple):
     """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,), their interval
-    (s), and what was mended of the record, in words."""
+    (s), and the repairs of the record, in words."""
 
     values: np.ndarray
     interval: float
@@ -307,7 +307,7 @@ class Knots(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _knots(record: RecordedMotion) -> Knots:
-    """The knots of a record; kept, as every realization asks."""
+    """The knots of a record, cached for all realizations."""
     name = named(Path(record.file).name)
     try:
         knots = _read_knots(record, name)
@@ -399,7 +399,7 @@ def _motion(measured, column, time_column):
 
 
 def _offset_remark(values, record, unit):
-    """A line where a constant part that matters is taken off."""
+    """Remark on a constant part that is subtracted; empty if it is small."""
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
@@ -445,7 +445,7 @@ def _power_band(record: RecordedMotion) -> tuple[float, float]:
 
 
 def _band_remark(record, angular_frequency):
-    """A line if the record's power lies far from the device's frequency."""
+    """Remark if the record's power lies far from the device's frequency."""
     frequency = angular_frequency / (2.0 * math.pi)
     low, high = _power_band(record)
     if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:
@@ -500,7 +500,7 @@ def _events(record, count):
 
 @lru_cache(maxsize=4)
 def _density(record, size):
-    """Welch's estimate of the record's density from stretches of so many knots."""
+    """Welch's estimate of the record's density from segments of a number of knots."""
     from scipy import signal
 
     return signal.welch(record.samples, 1.0 / record.interval, nperseg=size)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # sixth octave of a density that begins there abruptly is then 0.15 dB low, 0.3 dB at 64 periods. A
 # band between two abrupt edges loses 0.5 % of its mean square there.
 PERIODS_OF_LOWEST = 128.0
-# It resolves the narrowest gap between two breakpoints so many times.
+# Points of the filter within the narrowest gap between two breakpoints.
 WIDTHS_OF_GAP = 8.0
 # No filter has more values: 8 MB, and twice that in each path.
 MOST_TAPS = 2**20
@@ -79,7 +79,7 @@ def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]
     """Frequencies (Hz) of the filter and the density of its path, linear between knots.
 
     `points`: frequency (Hz) and density of each breakpoint. `spacing`: time between knots (s). The
-    density is that of the breakpoints, blurred by the filter's finite length.
+    density follows the breakpoints, blurred by the filter's finite length.
     """
     spectrum, taps = _filter(points, spacing)
     frequencies = np.fft.rfftfreq(2 * taps, spacing)
@@ -101,7 +101,7 @@ class ShapedPath(ExcitationPath):
     burst_time : float
         `time` of `Bursts` (s).
     factor : float
-        Samples are those of the density times this.
+        Factor on the samples.
     """
 
     def __init__(

@@ -83,7 +83,7 @@ class Sine(Harmonic):
 class SteppedSine(Harmonic):
     """One frequency after another without a jump in phase, for frequency responses.
 
-    Not a kind of its own in scenes: `harvester.frequency_response` puts it there.
+    Not a kind of scenes: `harvester.frequency_response` creates it.
 
     `amplitude` in m/s² in SI, `frequencies` in Hz, `dwell` at each in s.
     """
@@ -105,7 +105,7 @@ class SteppedSine(Harmonic):
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
     def base_displacement(self, times: np.ndarray, place: int) -> np.ndarray:
-        """The displacement η/ω² of the base at the frequency of this place (m in SI)."""
+        """The displacement η/ω² of the base at this frequency (m in SI)."""
         frequency = self.frequencies[place]
         turns = sum(self.frequencies[:place]) * self.dwell
         angle = 2.0 * math.pi * (turns + frequency * (times - place * self.dwell))
@@ -123,7 +123,7 @@ class SinePath(ExcitationPath):
     amplitude : float
         Amplitude of η, scaled units.
     frequencies : sequence of float
-        Hz; the last one goes on for ever.
+        Hz; the last one continues until the end.
     dwell : float
         Time at each but the last (s).
     spacing : float

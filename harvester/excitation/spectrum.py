@@ -35,9 +35,9 @@ KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
-# A note reports what the filter's blur takes from this share of the mean square on.
+# The blur by the filter is noted if it removes more than this share of the mean square.
 NOTED_LOSS = 0.01
-# Bursts last so many periods of the lowest frequency, unless `burst_time` says.
+# Default duration of a burst, in periods of the lowest frequency.
 PERIODS_PER_BURST = 20.0
 
 
@@ -66,7 +66,7 @@ class Spectrum(Excitation):
     )
     kind: str = "spectrum"
     knot_spacing: float | None = knots(
-        "a twelfth of the highest frequency's period; for a slower device a fortieth of its own"
+        "a twelfth of the shortest period of the band; for a slower device a fortieth of its period"
     )
     profile: str | None = word(
         "named spectrum: written out as breakpoints, unit and source", PROFILES

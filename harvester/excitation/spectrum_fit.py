@@ -15,7 +15,7 @@ from harvester.excitation.recorded import one_pass
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Periodograms of so many stretches are averaged, not counting the half-overlapping ones.
+# Number of segments whose periodograms are averaged, without the half-overlapping ones.
 STRETCHES = 16
 # The noise is fitted and compared up to these shares of half the sampling rate. Above, sampling
 # folds the tail of the noise back: at these shares by 5 % and 23 % of the density.
@@ -29,7 +29,7 @@ FEWEST_FREQUENCIES = 8
 FALLING_CORNER_RATIO = 10.0
 # Deviation in dB from which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
-# The same for the share of the variance that lies apart from the fit, and for the excess kurtosis.
+# Likewise for the share of the variance that the fit misses, and for the excess kurtosis.
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
 # The parameters, each with an error, and the other keys in JSON.
@@ -58,7 +58,7 @@ class SpectrumFit:
         Shape (n,); Hz; the record's density and the fit, over the compared
         band.
     lowest, highest
-        Hz; the fit takes what lies between, which holds nearly all of the variance.
+        Hz; the fit uses the band between, which has nearly all of the variance.
     device_frequency : Hz, of small oscillations.
     decibels
         The record's density over the fit's in the octave around the device's frequency; nan
@@ -90,7 +90,7 @@ class SpectrumFit:
         differences = []
         if math.isnan(self.decibels):
             differences.append(
-                f"the device's {self.device_frequency:.3g} Hz lie outside what the record shows"
+                f"the device's {self.device_frequency:.3g} Hz lie outside the record's band"
             )
         elif abs(self.decibels) > FAR_DECIBELS:
             differences.append(

@@ -40,7 +40,7 @@ def common_period(periods: Sequence[float]) -> float | None:
 
 @table
 class Sum(Excitation):
-    """Several excitations at once, each with random numbers of its own.
+    """Sum of several excitations with independent random numbers.
 
     White noise is as wide as the common knots.
     """
@@ -74,7 +74,7 @@ class Sum(Excitation):
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
-        """Those of the parts; sines of one frequency are one line, the sum of their phasors."""
+        """Lines of all parts; sines of one frequency are one line, the sum of their phasors."""
         phasors: dict[float, complex] = {}
         others: list[tuple[float, float]] = []
         for part in self._leaves():
@@ -88,13 +88,13 @@ class Sum(Excitation):
         return (*((frequency, abs(phasor)) for frequency, phasor in phasors.items()), *others)
 
     def _leaves(self):
-        """The parts, and in place of a sum its own."""
+        """The parts; nested sums are replaced by their parts."""
         nested = (part._leaves() if isinstance(part, Sum) else [part] for part in self.parts)
         return [leaf for leaves in nested for leaf in leaves]
 
     @property
     def period(self) -> float | None:
-        """The parts' common one, where their ratios are those of small whole numbers."""
+        """Common period of the parts, if their ratios are those of small integers."""
         periods = [part.period for part in self.parts]
         return None if None in periods else common_period(periods)
 
@@ -112,14 +112,14 @@ class Sum(Excitation):
         return any(part.drifts for part in self.parts)
 
     def transient(self, run: Run) -> bool:
-        """Whether nothing is by chance and a part is a transient."""
+        """Whether all parts are deterministic and one is a transient."""
         return not self.random and any(part.transient(run) for part in self.parts)
 
     def check(self, units: str, run: Run, origin: str) -> None:
         for index, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
-                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, beside "
+                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, next to "
                     "which no other part acts: make it the whole excitation, or take it out"
                 )
             part.check(units, run, f"{origin}: parts[{index}]")
@@ -153,7 +153,7 @@ class Sum(Excitation):
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
-        # What holds for one sine holds for the sum only if that repeats itself too.
+        # Properties of one sine hold for the sum only if the sum is periodic too.
         lost = DETERMINISTIC_NOTE if self.random or self.period is None else ""
         return tuple(dict.fromkeys(line for part in lines for line in part if line != lost))
 

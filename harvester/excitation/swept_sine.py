@@ -1,4 +1,4 @@
-"""A sine whose frequency sweeps up and down at a steady number of octaves a minute."""
+"""A sine whose frequency sweeps up and down at a constant number of octaves a minute."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harvester.device.keys import not_negative, positive, table
 from harvester.excitation.base import ExcitationPath, Run, knots
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 
-# The choice of the step examines the resonance at so many frequencies of the sweep.
+# Frequencies of the sweep at which the choice of the step examines the resonance.
 LINES = 24
 
 
@@ -20,7 +20,7 @@ LINES = 24
 class SweptSine(Harmonic):
     """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.
 
-    Between knots η is linear, and they are raised as those of `Sine`.
+    Between knots η is linear; the knots are raised as in `Sine`.
     """
 
     amplitude: float = not_negative("amplitude", "m/s²", "η", required=True)

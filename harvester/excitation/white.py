@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @table
 class White(Excitation):
-    """White base acceleration of two-sided density D/π, up to the knots' own band.
+    """White base acceleration of two-sided density D/π, up to the band limit of the knots.
 
     Values at the knots are independent with variance 2 D/spacing. Straight lines between them
     give the density D/π · sinc⁴(ω spacing/2): D/π at low frequency, half of it at 0.32/spacing
@@ -37,8 +37,8 @@ class White(Excitation):
             return self.knot_spacing
         if not math.isfinite(longest):
             raise SceneError(
-                "excitation.knot_spacing is missing: give it (s), as this device has no frequency "
-                "of its own to choose it by"
+                "excitation.knot_spacing is missing: give it (s), since this device has no natural "
+                "frequency to derive it from"
             )
         return longest
 
@@ -47,7 +47,7 @@ class White(Excitation):
         return self.intensity, self.spacing(longest) / math.sqrt(6.0)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """4 D at all frequencies, without the knots' own limit."""
+        """4 D at all frequencies, without the band limit of the knots."""
         return np.full(np.shape(frequencies), 4.0 * self.intensity)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Shortest record, in periods of the motion; a third of it is kept aside.
+# Shortest record, in periods of the motion; a third of it is validation data.
 FEWEST_PERIODS = 12.0
 FEWEST_SAMPLES_PER_PERIOD = 5.0
 # The base's acceleration must have power between these multiples of the motion's median frequency.
@@ -26,8 +26,8 @@ BAND = (0.5, 2.0)
 # Least share of the acceleration's power in that band; rounding of the recorded numbers may leave
 # less.
 SMALLEST_BAND_SHARE = 1e-4
-# A record is a ring-down if the mean square of its last quarter is below this multiple of that of
-# its first.
+# A record is a ring-down if the mean square of its last quarter is below this multiple of the
+# first quarter's.
 RINGING_DOWN = 0.5
 
 
@@ -100,11 +100,11 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
                 f"{record.name}: the velocity is in volts: name its scale with --free "
-                f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
+                f"{VELOCITY_SCALE}, or give it after the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
             )
         if len(record.outputs) == 1:
             raise IdentificationError(
-                f"{record.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"{record.name}: a velocity in volts does not determine its scale: give it after "
                 f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
             )
 
@@ -127,7 +127,7 @@ def _check_kept_aside(scene, fitted, aside):
         if isinstance(record, MeasuredResponse):
             raise IdentificationError(
                 f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
-                "it as --record, of which every third frequency is kept aside"
+                "it as --record, of which every third frequency is kept for validation"
             )
         for key in record.own:
             if key not in names:

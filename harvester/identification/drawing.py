@@ -1,4 +1,4 @@
-"""Figure of an identification: what was measured beside what the scene predicts of it."""
+"""Figure of an identification: measurement and prediction by the scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SEGMENTS = 12
 
 
 def draw(found: Any) -> Figure:
-    """Draw an `Identification`'s prediction of the first record's part that was kept aside.
+    """Draw an `Identification`'s prediction of the first record's validation part.
 
     Panels are waveforms, spectra, densities and the residuals' correlation; of a response its
     outputs.

@@ -1,6 +1,6 @@
-"""One model fitted to records, with its intervals and its prediction of the data kept aside.
+"""One model fitted to records, with its intervals and its prediction of validation data.
 
-Of records in time the first part is fitted, of frequency responses and impedances two of every
+In records over time the first part is fitted, in frequency responses and impedances two of every
 three lines. Records of several kinds are fitted together: each kind is followed by its own model
 of the same numbers, and weighs by its own noise. Such a fit begins with the values that one kind
 gives alone: records in time, else responses.
@@ -88,7 +88,7 @@ class Fitted:
     records : list of ValidationRecord
         The kept-aside part of each record.
     settled : ShootingFit or None
-        Windows of the parts kept aside, of records in time.
+        Windows of the validation parts, of records in time.
     """
 
     scene: Scene
@@ -150,7 +150,7 @@ class Fitted:
 
     @property
     def nrmse(self) -> float:
-        """Normalized rms error of the first output over all stretches kept aside."""
+        """Normalized rms error of the first output over all validation stretches."""
         return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
     @cached_property
@@ -190,12 +190,12 @@ class Fitted:
         return self.shooting.beside(responses, every), fit, scene
 
 
-# Share of each record, from its beginning, that is fitted; the rest is kept aside.
+# Share of each record, from its beginning, that is fitted; the rest is validation data.
 FITTED_SHARE = 2.0 / 3.0
 # With fewer samples in a period of the motion than this the base's path is a spline, not straight
 # lines between samples: of 20 samples lines take 0.8 % of the amplitude, of 7 they take 6.5 %.
 FEWEST_FOR_LINES = 20.0
-# An interpolation is ruled out if its weighted cost is higher by this than that of the other.
+# An interpolation is ruled out if its weighted cost exceeds the other's by this.
 RULED_OUT = 9.0
 # A fit to responses may begin at these multiples of the scene's stiffness, damping and coupling;
 # the best few of these starts are fitted.

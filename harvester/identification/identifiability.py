@@ -1,8 +1,8 @@
-"""What the data do not determine: among the fitted values, and of the values taken as known.
+"""Identifiability: undetermined combinations of fitted values, and effects of assumed values.
 
 A null direction of the Jacobian, its columns relative to the values, is a combination of values
-that the data leave open. A sensor's gain, a load's resistance and the mass are taken as known. The
-column of such a value, added to those of the fitted ones, shows whether its error would leave a
+that the data leave open. A sensor's gain, a load's resistance and the mass are assumed exact. The
+column of such a value, added to the columns of the fitted values, shows whether its error leaves a
 trace in the residuals, and which fitted values would take the error over. One error at a time is
 examined.
 """
@@ -55,7 +55,7 @@ class Undetermined:
     keys : tuple of str
         Keys of the values that move together.
     powers : tuple of float
-        The product of the values to these powers is what is determined; empty for a single value.
+        Exponents of the product of values that the data determine; empty for a single value.
     """
 
     keys: tuple[str, ...]
@@ -74,7 +74,7 @@ class Undetermined:
 
 @dataclass(frozen=True)
 class Assumption:
-    """A value that the fit takes as known, and what an error of it would do.
+    """A value that the fit assumes, and the effect of an error of it.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-
 
 
 def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
-    """Values taken as known, of which an error would move the fitted values.
+    """Assumed values whose error would move the fitted values.
 
     Parameters
     ----------

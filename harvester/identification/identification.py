@@ -57,11 +57,11 @@ class Identification(ResultBase):
     start : Scene
         The scene that the fit began with.
     fitted : Fitted
-        Values, covariance, and what the model predicts of the data kept aside.
+        Values, covariance, and predictions of the validation data.
     kept : list of (str, Undetermined)
-        Keys that stay as in the scene, and what the records leave open.
+        Keys that stay as in the scene, and undetermined combinations.
     evidence : FitEvidence
-        Validation records, rival models and what else the verdict is given on.
+        Validation records, rival models and the other evidence for the verdict.
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
@@ -217,7 +217,7 @@ class Identification(ResultBase):
         ]
 
     def _state(self, key):
-        """How far the records determine a value."""
+        """Text on how well the records determine a value."""
         if key in self.undetermined:
             return "undetermined"
         if self.verdict.word not in CLAIMING:
@@ -228,7 +228,7 @@ class Identification(ResultBase):
         return "conditional" if key in self.dependent else "identified"
 
     def _findings(self) -> list[str]:
-        """What is to be done, what is not determined, and what supports the verdict."""
+        """Remedies, undetermined values, and the evidence for the verdict."""
         lines = [f"to do: {self.verdict.advice}"]
         if self.impedance:
             lines += self.impedance.findings(self.fitted)
@@ -330,7 +330,7 @@ class Identification(ResultBase):
         )
 
     def scene_text(self, rival: Rival | None = None) -> str:
-        """The scene as a TOML file with intervals in comments; that of another model on demand.
+        """The scene of the model, or of another one, as a TOML file with intervals in comments.
 
         Its head has the verdict, the table and the findings.
         """
@@ -361,7 +361,7 @@ class Identification(ResultBase):
 
 
 def _condition(known):
-    """Text: what a value is only as right as."""
+    """Text: the assumed value that limits the accuracy of a value."""
     names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 

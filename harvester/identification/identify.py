@@ -40,7 +40,7 @@ def identify(
     posterior: bool = False,
     progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Identification:
-    """Fit a scene's numbers to measured records, with intervals and a proof on data kept aside.
+    """Fit a scene's numbers to measured records, with intervals and validation on unused data.
 
     Parameters
     ----------
@@ -48,29 +48,29 @@ def identify(
         Scene that gives the initial values and all known ones: values that are not free stay as
         they are.
     records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
-        CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage,
-        displacement or velocity; or a frequency response, frequency beside amplitude and phase;
+        CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration with voltage,
+        displacement or velocity; or a frequency response, frequency with amplitude and phase;
         with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
-        sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
+        sampling_rate=HZ, or values that differ from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
         Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
         phase or of resistance and reactance, or .s1p (needs scikit-rf: the extra
         `analyser`), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
-        phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
-        scene's mass, beside records the mass too.
+        phase=COLUMN:UNIT, …; alone it determines stiffness, damping, coupling and capacitance for
+        the scene's mass, together with records the mass too.
     free : sequence of str
-        What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
+        Fitted values: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
-        sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
+        sensor.acceleration_highpass, …); `device` is short for the default: the device's
         own that are not zero, but mass, winding, leak and, without a displacement, the constant
-        force; what the records do not determine then stays as in the scene.
+        force; values that the records do not determine then stay as in the scene.
     keep_aside : as `records`
         Whole records that are not fitted to: each is run from one start under its acceleration, and
         its orbit, rms and power are compared.
     compare : bool
-        Beside the scene's model fit others to compare it with (symmetric spring or not, cubic or
-        linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
+        In addition to the scene's model fit others for comparison (symmetric spring or not, cubic
+        or linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
         left); --alone fits the scene's only.
     posterior : bool
         Sample the posterior of the values too, by the scene's seed (needs emcee: the extra
@@ -79,7 +79,7 @@ def identify(
     Other Parameters
     ----------------
     progress : callable, optional
-        Function of (share done, what is being done).
+        Function of (finished share, name of the current task).
 
     Returns
     -------
@@ -114,7 +114,8 @@ def identify(
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
     scene = scene.without_drawing()
-    # Nor do they determine a frequency, a damping ratio or k² in place of what follows from them.
+    # Nor do they determine a frequency, a damping ratio or k² instead of the values that follow
+    # from them.
     tables = ("oscillator", scene.oscillator), (scene.transducer_name, scene.transducer)
     scene = scene.replace(
         {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}
@@ -159,7 +160,7 @@ def identify(
     models = [rivals.Rival("as given", base, explains=base.explains)]
 
     def report(name: str) -> None:
-        # How many rivals there will be is not known: each takes a share of what is left.
+        # The number of rivals is not known in advance: each takes a share of the remaining work.
         begin = stages.share + RIVAL_SHARE * (POSTERIOR_BEGINS - stages.share)
         stages.begin(begin, begin, f"rival model: {name}")
 

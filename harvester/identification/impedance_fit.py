@@ -1,8 +1,8 @@
 """From an impedance to a scene's numbers.
 
-Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the place where
-the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are known, and
-stiffness, damping and coupling² are in proportion to the mass, which is that of the scene.
+Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the position
+where the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are
+known, and stiffness, damping and coupling² are in proportion to the scene's mass.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class ButterworthVanDyke:
     def numbers(self, mode: int) -> dict[str, float]:
         """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
 
-        Cp is what the mode sees beside itself: C0 and the capacitances of the modes above it, which
-        follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
+        Cp is the capacitance in parallel with the mode: C0 and the capacitances of the modes above
+        it, which follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
         """
         resonance, quality, motional = np.exp(self.parameters[2 + 3 * mode : 5 + 3 * mode])
         above = np.exp(self.parameters[4 + 3 * (mode + 1) :: 3]).sum()
@@ -138,7 +138,7 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     if parameters.size == 2:
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
-            f"impedance is that of {math.exp(parameters[0]):.3g} F with tan δ = "
+            f"impedance fits a capacitance of {math.exp(parameters[0]):.3g} F with tan δ = "
             f"{parameters[1]:.2g}, to {math.sqrt(left / frequency.size):.2g} of itself: measure "
             "where the device resonates, with its base clamped and its electrodes connected"
         )
@@ -330,12 +330,12 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     SceneError
         The scene is scaled, or has no piezo.
     IdentificationError
-        The impedance has no resonance, or is not that of the scene's device.
+        The impedance has no resonance, or the scene has no piezo in SI units.
     """
     transducer = scene.transducer
     if scene.units != "SI" or not isinstance(transducer, PiezoTable):
         raise SceneError(
-            f"{scene.name}: an impedance is that of a piezo in SI units: give the scene units = "
+            f"{scene.name}: an impedance needs a piezo in SI units: give the scene units = "
             '"SI" and a table [piezo]'
         )
     measured.check()
@@ -364,7 +364,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     if leaks:
         values["piezo.leakage_resistance"] = 1.0 / (rate * clamped * branch["loss_tangent"])
     scene = scene.replace(values)
-    # What the scene has no part for: other modes, and the loss but for a leak.
+    # Effects without a part in the scene: other modes, and losses other than a leak.
     branches = _branches(measured.frequency, circuit.parameters)
     background = branches.sum(axis=1) - branches[:, 1 + mode]
     background -= 2j * math.pi * measured.frequency * clamped
@@ -379,8 +379,8 @@ def _spring_key(scene):
         if key in numbers(scene):
             return key
     raise IdentificationError(
-        f"{scene.name}: an impedance determines the stiffness at rest, and this spring has no "
-        "linear term of its own: give it as restoring_force"
+        f"{scene.name}: an impedance determines the stiffness at rest, but this spring has no "
+        "linear term: give it as restoring_force"
     )
 
 

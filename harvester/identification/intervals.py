@@ -1,16 +1,16 @@
 """Errors of fitted values: with correlated residuals, and for values that are not determined.
 
 With residuals of covariance Γ the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹, N = Jᵀ J,
-the windows' starts eliminated from J. Γ is that of a stationary series with the residuals' own
-spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification, ch. 9).
-Where residuals are largest just where J is, as those of a noisy drive are, that is too little: a
-variance is never below that from sums of Jᵀ r over blocks of the record.
+the windows' starts eliminated from J. Γ is the covariance of a stationary series with the
+residuals' spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification,
+ch. 9). Where residuals are largest just where J is, as those of a noisy drive are, that is too
+little: a variance is never below the one from sums of Jᵀ r over blocks of the record.
 
 Noise of the base's sensor drives the model, so the residuals that it causes are as narrow as the
 resonance and largest where the values have their effect. A single record shows their spectrum there
 by some ten independent lines, and a smoothed spectrum is too low. Hence the spectrum is simulated:
 white noise is added to the acceleration and sent through the model in the fit's own windows. Its
-size is that of the record's own floor, within what the residuals' spectrum allows beside the
+size is the record's noise floor, within the limit that the residuals' spectrum leaves besides the
 outputs' white noise (Whittle's likelihood). Both noises are compared with the residuals after what
 windows' starts and values explain of them is removed: short windows absorb noise in the motion's
 band.
@@ -163,7 +163,7 @@ def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
 
 
 def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.ndarray:
-    """Covariance from the changes of the values as each record is left out in turn (jackknife).
+    """Covariance from the changes of the values as each record is left out once (jackknife).
 
     It holds a model's error, which differs from record to record. Each fit without a record is one
     step of the linearized problem. A variance from so few records is itself uncertain: intervals
@@ -212,7 +212,7 @@ def _meat(columns, residuals):
     pairs = residuals.T[:, None], residuals.T[None]
     f, density = signal.csd(*pairs, nperseg=segment, detrend=False, return_onesided=False)
     spectra, frequencies = np.fft.rfft(columns, axis=0), np.fft.rfftfreq(samples)
-    # Each line stands for positive and negative frequency, except the first and the last.
+    # Each line counts for positive and negative frequency, except the first and the last.
     weight = np.full(frequencies.size, 2.0 / samples)
     weight[0] = 1.0 / samples
     if samples % 2 == 0:
@@ -236,8 +236,9 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
     Zero without a base whose motion was recorded. `states` are the residuals' derivatives by the
-    windows' starts, `left` the residuals; `columns` are the derivatives by the values, without what
-    the windows' starts explain; `inverse` is that of the normal matrix of all experiments.
+    windows' starts, `left` the residuals; `columns` are the derivatives by the values, without the
+    part that the windows' starts explain; `inverse` is the inverse of the normal matrix of all
+    experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
@@ -249,7 +250,7 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     cuts = fit.edges[number] - fit.edges[number][0]
     drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    # The fit takes from noise what windows' starts and values explain.
+    # The fit removes from noise the part that the windows' starts and the values explain.
     drawn -= columns @ (inverse @ scores)
     of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
     of_draws = scores[:, :DRAWS]

@@ -1,4 +1,4 @@
-"""Whole records kept aside: a run from one start under the recorded acceleration of each.
+"""Whole validation records: a run from one start under the recorded acceleration of each.
 
 A prediction is claimed within the ranges that the fitted records visited; beyond, a model
 extrapolates.
@@ -46,17 +46,17 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.validation_record import ValidationRecord
 
-# Number of likely sets of values, beside the best, and most that are drawn for them.
+# Number of likely sets of values, in addition to the best, and largest number of draws for them.
 DRAWS, MOST_DRAWN = 8, 80
 # First share of a record that is left out: a run forgets its start in it.
 FORGOTTEN = 1.0 / 3.0
 # An orbit goes between the wells if more than this share of the windows crosses a barrier; one
 # window in ten may begin in the wrong well.
 CROSSING = 0.1
-# The base is a sine if this share of its power lies within so many lines of its strongest line.
+# The base moves as a sine if this share of its power lies within that number of lines of the peak.
 SINE, SINE_LINES = 0.9, 3
-# A record is of the fitted device if what is left of it in windows, beyond noise, is at most this
-# multiple of what is left of the worst fitted record, or this share of its rms. Records of a
+# A record belongs to the fitted device if its residuals in windows, beyond noise, are at most this
+# multiple of the worst fitted record's, or this share of its rms. Records of a
 # measured beam with another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 # First values of a record's own, as shares of what counts as a change of order one, beside the
@@ -65,7 +65,7 @@ FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 FIRST_SHARES, SAME = (0.0, 0.1, -0.1, 0.2, -0.2), 0.02
 # The visited frequencies lie between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
-# A place may lie outside the visited displacements by this share of their range.
+# A position may lie outside the visited displacements by this share of their range.
 MARGIN = 0.02
 # A prediction is claimed while its run leaves the range of visited displacements, or the load that
 # of the loads, by at most this share, and the frequencies stay within this factor.
@@ -89,7 +89,7 @@ class Visited:
     extrapolated : tuple of str
         Features of the device that lie outside, in words.
     values : tuple of str
-        Keys of values that describe the spring about a place that no record visited.
+        Keys of values that describe the spring around a position that no record visited.
     si : bool
         Whether the scene is in SI units.
     """
@@ -257,7 +257,7 @@ def kept_aside(
     visited : Visited
         Ranges that the fitted records visited.
     records : sequence of ValidationRecord
-        What the fit leaves of its own records.
+        Residuals of the fitted records.
     seed : int
         Seed of the values that are drawn.
     report : callable, optional
@@ -293,9 +293,9 @@ def _likely(fitted, seed):
 def _model_error(records, missed):
     """Relative standard error of the power that the fitted records show.
 
-    Of their runs from one start; and of what follows from the motion in windows and is not in the
-    model, a share of the rms, so twice that share of the power. Of so few records the interval is
-    Student's.
+    Of their runs from one start; and of quantities that follow from the motion in windows and are
+    not in the model, a share of the rms, so twice that share of the power. Of so few records the
+    interval is Student's.
     """
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
@@ -304,7 +304,7 @@ def _model_error(records, missed):
 
 
 def _of_record(fitted, measurement, visited, draws, model_error, limit):
-    """Compare one record kept aside with its prediction."""
+    """Compare one validation record with its prediction."""
     length, noise = fitted.shooting.responses.length, _noise(fitted, measurement)
     # A record may lie in the other well: starts are tried on both sides.
     farthest = (1.0 + BEYOND) * float(np.abs(visited.displacement).max()) / length
@@ -445,7 +445,7 @@ def _in_windows(problem, noise, reach):
 
 
 def _cost(problem, fit, noise):
-    """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
+    """Cost of a fit by a common noise, and its reduction by the windows' starts."""
     # A fit that was followed is weighted by its own residuals.
     same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
     return problem.cost(same) + sum(states.size for states in fit.starts)
@@ -499,7 +499,7 @@ def _orbit(x, saddles, edges, period):
 
 
 def _with_error(estimate, drawn, model_error):
-    """An estimate with the errors of the values and of the model beside its own."""
+    """An estimate with the errors of the values and of the model in addition to its error."""
     others = np.array(drawn) - drawn[0]
     error = math.sqrt(
         estimate.standard_error**2

@@ -1,4 +1,4 @@
-"""Where a fit begins: coefficients by linear regression on the measured motion.
+"""Initial values of a fit: coefficients by linear regression on the measured motion.
 
 The equation of motion is multiplied by smooth functions φ that vanish outside some period and
 integrated by parts, so that nothing is differentiated twice (weak form; Messenger and Bortz,
@@ -6,8 +6,8 @@ Multiscale Model. Simul. 19, 1474 (2021)):
 
     s ∫φ'' z = ∫φ [η − s c w − s² C2 |w| w − Σ kₙ sⁿ zⁿ − contacts − T],   x = s z, x' = s w.
 
-What is not linear (the scale s of a motion known from its voltage, the electrical rate, a gap) is
-looked for on a grid.
+The nonlinear unknowns (the scale s of a motion derived from its voltage, the electrical rate, a
+gap) are searched on a grid.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Motion:
     measured: bool
 
     def centred(self, place: float) -> Motion:
-        """The motion with its mean at a place; unchanged if the displacement itself was
+        """The motion with its mean at a position; unchanged if the displacement itself was
         measured."""
         return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
 
@@ -138,7 +138,7 @@ TABLE_DEGREE = 5
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
-# Origins to try, in rms values of the motion: that of a motion within one well lies far off.
+# Origins to try, in rms values of the motion: a motion within one well is far from the origin.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
 # Smallest damping ratio of a start.
@@ -299,7 +299,7 @@ class _Regression:
     def _solved(self, columns, factors):
         """(misfit, coefficients, s) for each scale s of the motion.
 
-        What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
+        The right-hand side is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
         # A term with an unknown coefficient is among the columns and left out here.
         drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
@@ -395,7 +395,7 @@ class _Regression:
 
 
 def _powers(oscillator):
-    """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
+    """(F0, k1, …) in the scene's units; of a table the coefficients of a polynomial near it."""
     if oscillator.force_table is None:
         return [k or 0.0 for k in oscillator.coefficients]
     displacement, force = np.array(oscillator.force_table).T
@@ -404,7 +404,7 @@ def _powers(oscillator):
 
 
 def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
-    """Coefficients of F(x − distance) from those of F(x)."""
+    """Coefficients of F(x − distance) from the coefficients of F(x)."""
     moved = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-distance, 1.0]))
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 

@@ -19,7 +19,7 @@ from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
 from harvester.records.quantities import QUANTITIES
 
-# Fewest frequencies in a response. One line in three is kept aside.
+# Fewest frequencies in a response. One line in three is validation data.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
 # Noise that the first fit assumes, as a share of an output's rms; relative noise of an impedance.
 ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
@@ -115,7 +115,7 @@ class MeasuredResponse:
 
     @property
     def aside(self) -> np.ndarray:
-        """Mask of the lines that are kept aside."""
+        """Mask of the validation lines."""
         return np.arange(self.frequency.size) % KEPT_ASIDE == 1
 
     def _arrays(self):
@@ -173,7 +173,7 @@ def response_of(
         raise SceneError(
             f"{name}: a column of complex numbers is a frequency response, and no column of "
             "frequencies is named: write frequency [Hz] in its header, or frequency=COLUMN:UNIT "
-            "behind the file"
+            "after the file"
         )
     if "response" in columns:
         response = columns["response"]
@@ -187,7 +187,7 @@ def response_of(
     elif "amplitude" not in columns:
         raise SceneError(
             f"{name}: no column of the response: write amplitude [V/g] and phase [deg], or "
-            "real [V/g] and imaginary [V/g] in its header, or amplitude=COLUMN:UNIT behind the file"
+            "real [V/g] and imaginary [V/g] in its header, or amplitude=COLUMN:UNIT after the file"
         )
     elif phase is None:
         response = columns["amplitude"]
@@ -210,7 +210,7 @@ NEGATIVE_SHARE, NEGATIVE_LINES = 0.02, 0.1
 MOST_LINES = 50_000
 COLUMNS_NEEDED = (
     "|Z| [ohm] and phase [deg], or resistance [ohm] and reactance [ohm] in its header, or "
-    "impedance=COLUMN:UNIT and phase=COLUMN:UNIT behind the file"
+    "impedance=COLUMN:UNIT and phase=COLUMN:UNIT after the file"
 )
 
 
@@ -225,7 +225,7 @@ class MeasuredImpedance(MeasuredResponse):
     response : ndarray, shape (n,), complex
         Ω.
     background : ndarray of shape (n,), or None
-        Admittance (S) beside that of the scene's own mode, capacitance and leak.
+        Admittance (S) in addition to the scene's mode, capacitance and leak.
     """
 
     background: np.ndarray | None = None
@@ -269,13 +269,13 @@ def read_impedance(
         CSV or another file of columns, or `.s1p` (Touchstone).
     settings : dict of str to str, optional
         `frequency`, `impedance` and `phase` (or `impedance` alone for complex numbers), or
-        `resistance` and `reactance`: the column's name or number from 0, with its unit behind a
-        colon where its heading does not say it.
+        `resistance` and `reactance`: the column's name or number from 0, with its unit after a
+        colon if its heading has none.
 
     Raises
     ------
     SceneError
-        A column or a unit is missing, or what it holds is no impedance.
+        A column or a unit is missing, or the column is no impedance.
     """
     path, where = str(file), named(str(file))
     settings = table(settings or {}, "settings", '{"impedance": "1:ohm"}')
@@ -301,7 +301,7 @@ def _columns(measured, given):
     if "frequency" not in columns:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
-            f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
+            f"frequency=COLUMN:UNIT after the file; the file has {measured.listed()}"
         )
     is_complex = columns.get("impedance", (None,))[0] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
@@ -351,16 +351,14 @@ def _check_phase(measured, place, values, unit):
     limit = math.radians(LARGEST_PHASE)
     if unit == "rad" and largest > limit:
         cause = (
-            "a passive part's phase within ±1.571 rad: if it is in degrees, say so "
-            "(phase=COLUMN:deg); if not, the column is not that of the impedance's phase"
+            "a passive part's phase within ±1.571 rad: if it is in degrees, give the unit "
+            "(phase=COLUMN:deg); if not, the column is not the impedance's phase"
         )
     elif unit == "deg" and largest > LARGEST_PHASE:
-        cause = (
-            "a passive part's phase within ±90 deg: the column is not that of the impedance's phase"
-        )
+        cause = "a passive part's phase within ±90 deg: the column is not the impedance's phase"
     elif unit == "deg" and largest <= limit:
         cause = (
-            "a piezo's impedance has −90 deg away from its resonances: if it is in radians, say so "
+            "a piezo's impedance has −90 deg off its resonances: if in radians, give the unit "
             "(phase=COLUMN:rad)"
         )
     else:

@@ -1,4 +1,4 @@
-"""Measured records: base acceleration beside voltage, displacement or velocity, evenly sampled."""
+"""Measured records: base acceleration with voltage, displacement or velocity, evenly sampled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FASTEST_SHARE = 0.98
 
 @dataclass(frozen=True)
 class Measurement:
-    """One record, in SI units, or in those of a scaled scene.
+    """One record, in SI units or in the units of a scaled scene.
 
     Attributes
     ----------
@@ -54,16 +54,16 @@ class Measurement:
         Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     remarks : tuple of str
-        Remarks on markers that stand for samples that could not be measured.
+        Remarks on values that mark samples without a measurement.
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     velocity_is_absolute : bool
-        Whether the velocity is measured against the laboratory, as by a laser beside the shaker.
+        Whether the velocity is relative to the laboratory, as by a laser next to the shaker.
     velocity_in_volts : bool
         Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     own : tuple of str
         Keys of the scene whose values are unknown and of this record alone, such as the constant
-        force of a base that was tilted for it. Only a record kept aside has such values.
+        force of a base that was tilted for it. Only a validation record has such values.
     """
 
     acceleration: np.ndarray
@@ -101,7 +101,7 @@ class Measurement:
             object.__setattr__(self, "remarks", _marker_remarks(columns))
         if not self.outputs:
             raise SceneError(
-                f"{self.name}: nothing was measured beside the acceleration: name a column of "
+                f"{self.name}: nothing but the acceleration was measured: name a column of "
                 f"{', '.join(OUTPUTS)}"
             )
         checked_sensors(self.sensors, list(self.outputs), self.name)
@@ -169,8 +169,8 @@ def read_measurement(
     settings : dict of str to value, optional
         `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
         `amplitude` and `phase`, `real` and `imaginary`, or `response` for a column of complex
-        numbers: the column's name or number from 0, with its unit behind a colon ("2:mV") where its
-        heading does not say it; `acceleration_scale`, `acceleration_offset` and those of the
+        numbers: the column's name or number from 0, with its unit after a colon ("2:mV") if its
+        heading has none; `acceleration_scale`, `acceleration_offset` and likewise for the
         others: the quantity is scale · column + offset in that unit; `sampling_rate` (Hz); any
         other key is one of the scene, which had this value while the record was taken. A column
         whose heading says "voltage [mV]" or the like needs no
@@ -217,7 +217,7 @@ def read_measurement(
     if not is_response and "acceleration" not in chosen:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
-            "header, or acceleration=COLUMN:UNIT behind the file"
+            "header, or acceleration=COLUMN:UNIT after the file"
         )
     base = TimeBase(1.0)
     if not is_response:
@@ -264,7 +264,7 @@ def _taken_absolute(where, given):
         return False
     if f":{word}" != ABSOLUTE:
         raise SceneError(
-            f"{where}: velocity = {shown(text)}: behind the unit stands absolute (of the room), or "
+            f"{where}: velocity = {shown(text)}: after the unit comes absolute (to the ground) or "
             "nothing (relative to the base)"
         )
     given["velocity"] = before

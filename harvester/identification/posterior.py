@@ -38,7 +38,7 @@ class Posterior:
     ----------
     draws : ndarray, shape (draws, keys)
     independent : float
-        Draws that are worth as much as independent ones.
+        Effective number of independent draws.
     accepted : float
         Share of the proposed moves.
     """

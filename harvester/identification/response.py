@@ -95,7 +95,7 @@ class Experiment:
         return self.measurement.acceleration.size
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral of a column, at so many places between samples."""
+        """First and second integral of a column, at a number of positions between samples."""
         cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
         if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
@@ -179,7 +179,7 @@ class Responses:
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """States at samples, states behind each window, and the outputs, of one experiment.
+        """States at samples, states after each window, and the outputs, of one experiment.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class Responses:
         edges: np.ndarray,
         starts: np.ndarray,
     ) -> np.ndarray:
-        """What noise of the base's sensor adds to the outputs of one record in time.
+        """Part of one record's outputs, in time, that the noise of the base's sensor causes.
 
         Parameters
         ----------
@@ -213,7 +213,7 @@ class Responses:
         Returns
         -------
         ndarray, shape (samples, outputs, draws)
-            Where a solution runs away, 0.
+            Zero after the solution has diverged.
         """
         record = self.experiments[number]
         base = record.measurement.acceleration
@@ -482,7 +482,7 @@ class Trial:
 
 
 def _delayed(values, samples):
-    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
+    """A series delayed by some samples, by a cubic spline; extrapolated linearly at the ends."""
     if samples == 0.0:
         return values
     from scipy.interpolate import CubicSpline

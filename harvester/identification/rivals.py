@@ -1,9 +1,9 @@
 """Rival models: the scene's own with one part more, with one part less, or with another column.
 
 Whether a further part explains something of the residuals is seen to first order about the fit, by
-a regression of the residuals on the part's effect (a score test). That regression also says where
-the rival's fit begins. Parts are fitted in the order of what they promise, until one leaves only
-noise and no other promises nearly as much.
+a regression of the residuals on the part's effect (a score test). That regression also gives the
+values at which the rival's fit begins. Parts are fitted in the order of their expected gain, until
+one leaves only noise and no other promises nearly as much.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
 HIGHEST_POWER = 7
 # A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
-# A part is fitted if it promises to lower the cost by this share, at most so many are, and none
-# after one that leaves only noise if it promises less than this share of the most promising.
+# A part is fitted if it promises to lower the cost by this share; at most this number of parts is,
+# and none after one that leaves only noise if it promises less than this share of the most
+# promising.
 PROMISING, MOST_FITTED, NEARLY_AS_MUCH = 0.02, 6, 0.5
 # Shares of the regression's step from which the lowest cost is taken.
 STEPS = (1.0, 0.3, 0.1, 0.03)
@@ -60,7 +61,7 @@ MOVED = 1e-4
 # under three sines. Cubic models of softening springs under three sines, with errors of 0.02, 0.05,
 # 0.05 and 0.16, had 0.06, 0.16, 1.2 and 0.38.
 UNCERTAIN = 0.1
-# A mean is an offset beyond so many standard errors and this share of the channel's deviation.
+# A mean is an offset if it exceeds this number of standard errors and share of the deviation.
 OFFSET_ERRORS, LEAST_OFFSET = 3.0, 0.01
 
 
@@ -70,11 +71,11 @@ class Rival(NamedTuple):
     Attributes
     ----------
     name : str
-        How it differs, such as "drag"; "as given" for the scene's own.
+        Difference from the scene's model, such as "drag"; "as given" for the scene's.
     fitted : Fitted or None
         None where it was not tried.
     better : float
-        Logarithm of the mean square error on what was kept aside over that of the scene's model,
+        Logarithm of the mean square error on the validation data over the scene's model's,
         on average over blocks; negative: better.
     error : float
         Standard error of that.
@@ -103,7 +104,7 @@ class Rival(NamedTuple):
 
 
 class NextPower(NamedTuple):
-    """The scene's own model beside one with the spring's next power, to first order about the fit.
+    """The scene's model compared with one with the spring's next power, to first order.
 
     Attributes
     ----------
@@ -191,7 +192,7 @@ def _tried(name, base, scene, measurements, keys, warm):
 
 
 def _compared(name, base, other):
-    """A fitted model beside the scene's own, by the ratio of their mean square errors in blocks.
+    """A fitted model compared with the scene's, by the ratio of their mean square errors in blocks.
 
     All outputs count, each in units of the own model's rms residual.
     """
@@ -353,7 +354,7 @@ def _parts(base, measurements):
 
 
 def _further(base, parts, measurements, report):
-    """Rivals with a further part, in the order of what they promise."""
+    """Rivals with a further part, in the order of their expected gain."""
     if not parts:
         return []
     keys = list(dict.fromkeys(key for _, further in parts for key in further))
@@ -426,7 +427,7 @@ def _with_part(base, name, further, measurements, step):
 
 
 def next_power(base: Fitted) -> NextPower | None:
-    """The model beside one with the spring's next power; None if there is none.
+    """The model compared with one with the spring's next power; None if there is none.
 
     A few sines of nearly one amplitude show the force at that amplitude, which many springs have:
     the values' errors with the next power free say whether the records could exclude it.

@@ -118,13 +118,13 @@ def followed(
     fit : ShootingFit
         A fit with short windows, linearized.
     rival : float
-        Cost of a model beside it.
+        Cost of a rival model.
     follow : callable, optional
         Function of the samples of each experiment's longest window.
     """
     fit = mended(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
-    # The loop goes on while some window is longer than any that was allowed before.
+    # The loop continues while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
         follow(_longest(fit))
@@ -165,9 +165,9 @@ def in_short_windows(
     fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
-        First sample of each experiment, and that behind the last.
+        First sample of each experiment, followed by the end of the last.
     reach : (float, float), optional
-        Displacements between which the mass is looked for; by default those of the fitted motion.
+        Displacements between which the mass is searched; by default the range of the fitted motion.
     """
     experiments = shooting.responses.experiments
     edges = [
@@ -213,7 +213,7 @@ def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> Shoot
 def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit with better starts of windows in doubt, or with those cut in half.
 
-    Windows in which an error at the start grows beyond what is allowed are cut, too. Returns the
+    Windows in which an error at the start grows beyond the limit are split, too. Returns the
     same fit where nothing is in doubt or no better one is found.
     """
     better, cut = fit, _doubtful(fit)
@@ -232,9 +232,9 @@ def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
 
 
 def _doubtful(fit, sums=None):
-    """Windows whose residuals are far beyond those of the others.
+    """Windows whose residuals are far larger than the others'.
 
-    `sums` are the windows' sums of squares, by default those of the fit.
+    `sums` are the windows' sums of squares, by default from the fit.
     """
     doubtful = []
     for number, edges in enumerate(fit.edges):
@@ -269,7 +269,7 @@ def _kept(transitions, growth, edges, most):
     """Indices of the windows at which the joined windows begin.
 
     An error of the start may decay, and one from an inexact value may still grow later. So `totals`
-    holds the transition matrices from the start and from all places whose errors grow.
+    holds the transition matrices from the start and from all samples whose errors grow.
     """
     first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):

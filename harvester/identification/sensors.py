@@ -1,11 +1,11 @@
-"""Effects of sensors on their signals, and the true quantities behind those signals.
+"""Effects of sensors on their signals, and the true quantities that cause the signals.
 
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
 it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
 What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
 sensor has no information on it.
 
-An output is compared behind its sensor: the simulated one goes through the sensor's filters. To
+An output is compared after its sensor: the simulated one goes through the sensor's filters. To
 put the measured one right would integrate its noise, and a free corner would come out too low. A
 filter's state at the beginning of a window is unknown: it is that with which the window fits best.
 """
@@ -34,8 +34,8 @@ OUTPUT_EFFECTS = ("offset", "scale", "delay", "filter")
 BASE_EFFECTS = ("offset", "scale", *HIGHPASSES)
 VOLTAGE_EFFECTS = (*HIGHPASSES, "resistance")
 # Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
-# a period its error is 1e-4 of the amplitude. There is one matrix for each place of the step among
-# the six; it gives each sample's polynomial, from the step's beginning.
+# a period its error is 1e-4 of the amplitude. There is one matrix for each position of the step
+# among the six; it gives each sample's polynomial, from the step's beginning.
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
@@ -47,7 +47,7 @@ QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 # Input resistance of a usual probe (Ω), from which a free resistance begins.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
-# What a given value of each effect must be: in words, and as a check.
+# Valid values of each effect: in words, and as a check.
 REQUIRED = {
     "scale": ("a number other than 0", lambda value: math.isfinite(value) and value != 0.0),
     "resistance": ("a number > 0", lambda value: value > 0.0),
@@ -126,7 +126,7 @@ def _without_drift(values, degree):
 def invert_high_pass(
     values: np.ndarray, integral: tuple[np.ndarray, np.ndarray], corner: float, second_corner: float
 ) -> np.ndarray:
-    """The true signal, from what a sensor with these high-passes shows.
+    """The true signal, from the signal of a sensor with these high-passes.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def invert_high_pass(
 def filtered(
     values: np.ndarray, edges: np.ndarray, time_constant: float, corner: float, second_corner: float
 ) -> np.ndarray:
-    """Windows of a series behind a low-pass of first order and high-passes, from any state.
+    """Windows of a series after a low-pass of first order and high-passes, from any state.
 
     The time constant is in samples, 0 for no low-pass; corners are in radians per sample.
     """
@@ -210,7 +210,7 @@ def without_memory(
     Parameters
     ----------
     shown : ndarray, shape (n,)
-        Simulated, behind the filters, from any states of them.
+        Simulated output after the filters, from any states of them.
     seen : ndarray, shape (n,)
         Measured.
     edges : ndarray of int, shape (windows + 1,)

@@ -1,4 +1,4 @@
-"""Multiple shooting: windows with starts of their own, as long as errors stay small in them.
+"""Multiple shooting: windows with separate starts, as long as errors stay small in them.
 
 Bock, in Modelling of Chemical Reaction Systems (1981), and for records of chaotic motion Baake et
 al., Phys. Rev. A 45, 5524 (1992). The least-squares problem has the unknowns of the device, and
@@ -261,7 +261,7 @@ class Shooting:
         return normal, gradient
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
-        """The fit at the minimum of its cost, its windows as they are.
+        """The fit at the minimum of its cost, its windows unchanged.
 
         Parameters
         ----------
@@ -359,7 +359,7 @@ def settled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts at the minimum of each window's own cost, and those costs.
 
-    Windows whose starts are NaN stay as they are.
+    Windows whose starts are NaN stay unchanged.
     """
     sizes, edges = shooting.state_sizes[number], fit.edges[number]
     left, ends, costs = shooting.residuals(fit, number, starts=starts)
@@ -418,7 +418,7 @@ def placed(
 def repaired(
     shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
 ) -> tuple[ShootingFit, list[np.ndarray]]:
-    """The fit with some windows' starts at the best places that can be found for them.
+    """The fit with some windows' starts at the best states that can be found for them.
 
     Parameters
     ----------
@@ -464,7 +464,7 @@ def reach_of(x: np.ndarray) -> tuple[float, float]:
 
 
 def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Series less what the starts of their windows explain.
+    """Series less the part that the starts of their windows explain.
 
     Parameters
     ----------

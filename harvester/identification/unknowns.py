@@ -118,7 +118,7 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
             raise HarvesterError(f"--free {named(key)}: is there twice")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
-            f"--free {BASE_FACTOR} {BASE_SCALE}: records tell only the ratio of the two; give one "
+            f"--free {BASE_FACTOR} {BASE_SCALE}: records determine the two's ratio alone; give one "
             "of them, the factor by the beam's drawing or the scale by the sensor's data sheet"
         )
     return list(keys)

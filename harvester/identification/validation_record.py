@@ -1,11 +1,11 @@
-"""Validation records: data that no fit used, what a model predicts of them, and what it leaves.
+"""Validation records: data that no fit used, a model's prediction of them, and the residuals.
 
-What is left is compared with the sensors' noise by its size and by a regression. The noise of each
-output is added to the simulated one, and that of the base's sensor to what drives the model: this
-simulates the residuals that a right model would leave, in the same windows. Their spectrum weights
-the measured residuals, which are then regressed on signals that a wrong model would leave, made of
-the measured acceleration and the simulated output. Of a right model the regression explains no more
-than chance.
+The residuals are compared with the sensors' noise by their size and by a regression. The noise of
+each output is added to the simulated output, and the base sensor's noise to the model's excitation:
+this simulates the residuals that a right model would leave, in the same windows. Their spectrum
+weights the measured residuals, which are then regressed on signals that a wrong model would leave,
+made of the measured acceleration and the simulated output. Of a right model the regression explains
+no more than chance.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ DRAWS, LINES = 6, 9
 # right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
 # loads had 32 and more in their worst record.
 SYSTEMATIC = 12.0
-# Residuals are too large if they exceed this multiple of what a right model leaves. Eleven sets of
+# Residuals are too large if they exceed this multiple of a correct model's. Eleven sets of
 # two or three records with right models had up to 1.23 in their worst record.
 TOO_LARGE = 1.5
 # A part below this share of an output's standard deviation is ignored.
 UNNOTICED = 2e-3
-# The same of a frequency response, whose noise is read from its residuals.
+# Likewise for a frequency response, and the largest noise that is read from its residuals.
 UNNOTICED_IN_RESPONSE, MOST_NOISE = 0.05, 0.5
 # Singular values below this share of the largest are dropped: some columns are nearly the same.
 SMALLEST_DIRECTION = 1e-8
@@ -89,13 +89,13 @@ class Unexplained(NamedTuple):
 
     @property
     def beyond(self) -> float:
-        """rms beyond what a right model leaves."""
+        """rms beyond a correct model's residual."""
         return math.sqrt(max(self.left**2 - self.noise**2, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValidationRecord:
-    """The part of one measurement that no fit used, and what a model predicts of it.
+    """The part of one measurement that no fit used, and a model's prediction of it.
 
     Attributes
     ----------
@@ -103,13 +103,13 @@ class ValidationRecord:
         Hz.
     measured, windowed, free : ndarray, shape (samples, outputs)
         `windowed` is simulated in windows whose starts were found in this part, the device's
-        numbers being as they were; `free` goes on from the first start alone.
+        numbers being unchanged; `free` continues from the first start alone.
     resistance : float or None
         Resistance of the load (Ω).
     motion : float
         Median frequency of the measured motion (Hz).
     unexplained : tuple of Unexplained
-        What the prediction leaves of each output; of a response one for all.
+        Residual of each output; of a response one for all.
     """
 
     name: str
@@ -157,8 +157,8 @@ class ValidationRecord:
     def powers(self) -> tuple[Estimate, Estimate, Estimate]:
         """Mean power (or square of an output) measured and predicted, and the relative difference.
 
-        Predicted in windows, along the measured path. Errors are those of means of blocks; that of
-        the difference of paired blocks.
+        Predicted in windows, along the measured path. Errors come from means of blocks; the error
+        of the difference of paired blocks.
         """
         measured, predicted = (
             block_means(self._compared_values(values)) for values in (self.measured, self.windowed)
@@ -169,7 +169,7 @@ class ValidationRecord:
     def explained(self) -> Estimate:
         """Share of the first output's variance that the model explains, in windows.
 
-        Its error is that of means of blocks. A model of nothing explains 0 within it, or less.
+        Its error comes from means of blocks. A model without content explains 0 within it, or less.
         """
         return self._explained(self.measured[:, :1] - np.mean(self.measured[:, 0]), 1)
 
@@ -208,7 +208,7 @@ class ValidationRecord:
 
     @property
     def worst(self) -> Unexplained:
-        """The output of which most is left beyond noise: that which is not noise first."""
+        """Output with the largest residual beyond noise; outputs that are not noise come first."""
         return max(self.unexplained, key=lambda part: (not part.is_noise, part.beyond, part.left))
 
     @property
@@ -219,7 +219,7 @@ class ValidationRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseRecord(ValidationRecord):
-    """The frequencies of a measured response that were kept aside.
+    """The validation frequencies of a measured response.
 
     Attributes
     ----------
@@ -235,7 +235,7 @@ class ResponseRecord(ValidationRecord):
     compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
 
     def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the residuals over that of the response, both parts together."""
+        """Root mean square of the residuals over the response's, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
     def noise(self, output: int = 0) -> float:
@@ -254,7 +254,7 @@ class ResponseRecord(ValidationRecord):
         return np.sum(values**2, axis=1)
 
     def judged(self) -> ResponseRecord:
-        """The record with what is left of it."""
+        """The record with its residuals."""
         left, noise = self.nrmse(), self.noise()
         beyond = math.sqrt(max(left**2 - min(noise, MOST_NOISE) ** 2, 0.0))
         is_noise = beyond <= UNNOTICED_IN_RESPONSE
@@ -264,7 +264,7 @@ class ResponseRecord(ValidationRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class ImpedanceRecord(ResponseRecord):
-    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+    """The validation frequencies of an impedance; outputs are ln |Z| and phase."""
 
     quantity: ClassVar[str] = "impedance"
     compared: ClassVar[tuple[str, str]] = ("mean |Z|", "Ω")
@@ -284,13 +284,13 @@ class ImpedanceRecord(ResponseRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class WholeRecord(ValidationRecord):
-    """A record of which nothing was fitted, without its first part, run from one start alone.
+    """A record that no fit used, without its first part, run from one start.
 
     Attributes
     ----------
     outside : str
         Why the prediction is not claimed; empty where it is: one orbit for all likely values,
-        within what the fitted records visited.
+        within the range of the fitted records.
     left : float
         rms of the first output's residuals in windows, beyond noise, as a share of its standard
         deviation.
@@ -301,9 +301,10 @@ class WholeRecord(ValidationRecord):
     rms_unit : str
         Unit of the first output; empty in a scaled scene.
     predicted_rms, predicted_power : Estimate
-        Of the run, with the values' error and that which the fitted records show.
+        Predictions of the run, with the errors of the values and of the fitted records.
     own : dict of str to Estimate
-        Values found in this record, with its residuals' error and that of the others.
+        Values estimated from this record, with the errors from its residuals and from the other
+        values.
     """
 
     outside: str
@@ -321,7 +322,7 @@ class WholeRecord(ValidationRecord):
 
     @property
     def claimed(self) -> bool:
-        """Whether the model claims this record."""
+        """Whether the model's range of validity covers this record."""
         return not self.outside
 
     @property
@@ -336,7 +337,7 @@ class WholeRecord(ValidationRecord):
 
     @property
     def holds(self) -> bool:
-        """Whether what was measured lies within the prediction: the orbit, rms and power."""
+        """Whether the measurement lies within the prediction: the orbit, rms and power."""
         return (
             self.measured_orbit == self.predicted_orbit
             and _within(self.measured_rms, self.predicted_rms)
@@ -425,7 +426,7 @@ def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationR
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
-    """Predictions of the lines of a response or an impedance that were kept aside."""
+    """Predictions of the validation lines of a response or an impedance."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
@@ -512,7 +513,7 @@ def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
 
 
 def _whiteness(residuals, per_period):
-    """Autocorrelation of residuals over a period of so many samples."""
+    """Autocorrelation of residuals at a lag of one period, in samples."""
     from scipy.stats import chi2
 
     n = residuals.size

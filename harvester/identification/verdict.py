@@ -9,13 +9,13 @@ The first line that applies gives the verdict; `RULES` has them in this order.
 | more than noise is left of a record, in size or by regression | incomplete | find the part |
 | the records need a further term of the spring | incomplete | free it |
 | the records need another gain, mass or load | incomplete | calibrate, or free it |
-| a claimed record kept aside is not as predicted | incomplete | find the part |
-| a record kept aside cannot be followed even in windows | incomplete | free its own value |
+| a validation record contradicts a claimed prediction | incomplete | find the part |
+| a validation record cannot be followed even in windows | incomplete | free its own value |
 | a further term of the spring would leave its values uncertain | fits | larger motions |
-| none of these | predicts | use it within what was visited |
+| none of these | predicts | use it within the visited range |
 
-"What is left" is what a record's prediction leaves of the data that no fit used. It is noise if its
-size is at most `TOO_LARGE` times what a right model leaves, and its regression on the motion has
+The residual of a record is its validation data less the prediction. It is noise if its
+size is at most `TOO_LARGE` times a correct model's, and its regression on the motion has
 found nothing (`validation_record`). Records are judged one by one: none excuses another.
 """
 
@@ -41,22 +41,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitEvidence:
-    """What a verdict is given on.
+    """Evidence for a verdict.
 
     Attributes
     ----------
     records : sequence of ValidationRecord
-        Of the fitted measurements, with what is left of them.
+        Validation records of the fitted measurements, with their residuals.
     rivals : sequence of Rival
         The scene's own model first.
     spring : NextPower or None
-        The model beside one with the spring's next power.
+        The model compared with one with the spring's next power.
     errors : dict of str to float
         Relative standard error of each fitted value.
     assumptions : sequence of Assumption
-        Gains and values that are taken as known, and what an error of them would do.
+        Assumed gains and values, and the effect of an error of them.
     whole : sequence of WholeRecord
-        Records of which nothing was fitted.
+        Records that no fit used.
     visited : Visited or None
         Ranges that the records visited.
     """
@@ -71,13 +71,13 @@ class FitEvidence:
 
     @property
     def left(self) -> str:
-        """Text: what is left of the worst record, and what noise would leave."""
+        """Text: the residual of the worst record, and the residual of noise alone."""
         part = self.worst.worst
         return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
 
     @property
     def worst(self) -> ValidationRecord:
-        """The record of which most is left beyond noise: one that is not explained first."""
+        """The record with the largest residual beyond noise; unexplained records come first."""
         return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
 
 
@@ -88,10 +88,10 @@ class FitVerdict:
     Attributes
     ----------
     word : str
-        "predicts"; "fits" where the records do not tell the spring from others; "wrong",
+        "predicts"; "fits" if the records do not distinguish the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
     sentence : str
-        The verdict, what it covers and its main caveat: at most 25 words.
+        The verdict, its range and its main caveat: at most 25 words.
     advice : str
         What to do.
     """
@@ -126,7 +126,7 @@ class Rule(NamedTuple):
 def _nothing(evidence):
     if any(record.shows_motion for record in evidence.records):
         return None
-    return f"about {evidence.records[0].noise():.0%} of what was measured is noise"
+    return f"about {evidence.records[0].noise():.0%} of the measured signal is noise"
 
 
 def _better_rival(evidence):
@@ -176,14 +176,14 @@ def _not_followed(evidence):
     others = [record for record in evidence.whole if not record.follows]
     if not others:
         return None
-    return f"{others[0].left:.0%} of {others[0].name}, kept aside, is left even in windows"
+    return f"the model misses {others[0].left:.0%} of {others[0].name} even in windows"
 
 
 def _uncertain_spring(evidence):
     if evidence.spring is None or not evidence.spring.uncertain:
         return None
     key, half = max(evidence.spring.uncertain.items(), key=lambda item: item[1])
-    return f"the records do not tell its spring from others: {_name(key)} {_share(half)}"
+    return f"the records do not distinguish its spring from others: {_name(key)} {_share(half)}"
 
 
 def _caveat(evidence):
@@ -208,7 +208,7 @@ RULES = (
         _nothing,
         "nothing",
         "measure with a stronger excitation; check that the columns belong together, the voltage's "
-        "polarity (sensor.voltage_scale=-1 behind the file) and the units of a phase",
+        "polarity (sensor.voltage_scale=-1 after the file) and the units of a phase",
     ),
     Rule(_better_rival, "wrong", "look at the proposed scene, where the rival is written"),
     Rule(_unexplained, "incomplete", "look for a part or a sensor that the scene lacks"),
@@ -218,11 +218,11 @@ RULES = (
     Rule(
         _not_followed,
         "incomplete",
-        "it has another tilt, load or sensor: what is unknown of a record alone is freed behind "
+        "it has another tilt, load or sensor: values that differ for one record are freed after "
         "its file, such as oscillator.restoring_force[0]=free",
     ),
     Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
-    Rule(_caveat, "predicts", "use it for what the records visited"),
+    Rule(_caveat, "predicts", "use it within the range that the records visited"),
 )
 OPENINGS = {
     "nothing": "nothing to judge: the model explains no more than chance",
@@ -232,12 +232,12 @@ OPENINGS = {
     "predicts": "the model predicts {left}",
 }
 # A fitted value depends on a known one whose error, as far as the records leave it open, moves it
-# by more than this share of its own: below, an error that is not yet `CERTAIN` moves it by two of
-# its own.
+# by more than this share of its error: below, an error that is not yet `CERTAIN` moves it by two
+# standard errors.
 DEPENDS = 0.5
-# Records tell a known value if its relative standard error, were it free, is below this: a right
-# set whose gain is open by 88 % asked for five of its standard errors, which is no change to first
-# order.
+# Records determine an assumed value if its relative standard error, were it free, is below this: a
+# right set whose gain is open by 88 % asked for five of its standard errors, which is no change to
+# first order.
 TOLD = 0.1
 # Standard errors from which on records need another known value. There are several known values,
 # and noise of the base's sensor biases them: a right set had 3.0 for its mass.
@@ -255,14 +255,14 @@ def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
 
 
 def _label(evidence, assumption):
-    """Name of an assumed value, with its records unless it is that of all."""
+    """Name of an assumed value, with its records unless it holds for all."""
     if len(assumption.records) == len(evidence.records):
         return assumption.key
     return f"{assumption.key} of {', '.join(assumption.records)}"
 
 
 def findings(evidence: FitEvidence) -> list[str]:
-    """What supports the verdict: one sentence for each record, assumption and rival."""
+    """Evidence for the verdict: one sentence for each record, assumption and rival."""
     lines = []
     if evidence.visited:
         lines.append(f"visited: {evidence.visited.ranges}")
@@ -281,7 +281,7 @@ def findings(evidence: FitEvidence) -> list[str]:
         )
     if spring:
         lines += [
-            f"with a term of power {spring.power} too, which the records do not exclude, they tell "
+            f"with a term of power {spring.power} too, which the records do not exclude, they give "
             f"{_name(key)} to {_share(half)} (95 %)"
             for key, half in spring.uncertain.items()
         ]
@@ -298,7 +298,7 @@ def findings(evidence: FitEvidence) -> list[str]:
 
 
 def _rival_lines(rivals):
-    """What each rival leaves; those that were not tried by their reason."""
+    """Residual of each rival, or the reason why it was not tried."""
     best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
     lines: list[str] = []
     untried: dict[str, list[str]] = {}

@@ -88,7 +88,7 @@ def block_of(
     step : str or float
         Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
     realization : int
-        Whose vibration and start.
+        Number of the realization with the vibration and start.
     displacement_unit : float
         Metres for a volt at the pin `x`.
     duration : float or None
@@ -126,7 +126,7 @@ def _vibration(ready, realization, stop):
 def folder_of(output: str | Path, kind: str) -> Path:
     """Return the folder for several files; raise HarvesterError if it cannot be written."""
     if is_stream(output):
-        raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
+        raise HarvesterError(f"--as {kind} writes several files: name a folder by --output DIR")
     if Path(output).suffix.lower() in DATA_SUFFIXES and not Path(output).is_dir():
         folder = Path(output).with_suffix("")
         raise HarvesterError(
@@ -210,12 +210,12 @@ def write_verilog_a(
 def _vacask_deck(block):
     """VACASK compiles a module that it is to load.
 
-    It takes a step of first order behind every knot of the vibration, which only its tolerance
+    It takes a step of first order after every knot of the vibration, which only its tolerance
     shortens: 25 periods of the scene `tristable` came out 1.3e-4 off at 1e-9, 1.4e-5 at 1e-10.
     """
     points = ", ".join(f"{float(time)!r}, {float(value)!r}" for time, value in block.vibration)
     name, step, stop = block.name, float(block.step), float(block.stop)
-    return f"""{name} behind its scene's vibration and a resistor
+    return f"""{name} with its scene's vibration and a resistor
 // vacask {name}_test.sim
 ground 0
 load "resistor.osdi"
@@ -236,7 +236,7 @@ endc
 
 def _osdi_deck(block):
     name = block.name
-    return f"""* {name} behind its scene's vibration and load
+    return f"""* {name} with its scene's vibration and load
 * openvaf-r {name}.va -o {name}.osdi; ngspice -b -r {name}.raw {name}_test.cir
 * Several threads wait for each other on a busy machine: the same run then took 0.3 to 60 s.
 .control
@@ -254,7 +254,7 @@ Nharvester p 0 base x {name}
 
 
 def _vibration_file(block, dialect):
-    """ngspice reads no points of a PWL source from a file of their own, so it gets the source."""
+    """ngspice reads no PWL points from a file, so the file holds the source."""
     points = [f"{float(time)!r} {float(value)!r}" for time, value in block.vibration]
     if dialect != "ngspice":
         return {f"{block.name}_vibration.txt": "\n".join(points) + "\n"}
@@ -283,7 +283,7 @@ def _deck(block, dialect):
     }[dialect]
     load = load_of(block, dialect)
     lines = [
-        f"* {name} behind its scene's vibration and {'a resistor' if load[0] == 'R' else 'load'}",
+        f"* {name} with its scene's vibration and {'a resistor' if load[0] == 'R' else 'load'}",
         f'.include "{name}.lib"',
         source,
         f"Xharvester p 0 base x {name}",

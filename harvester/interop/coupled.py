@@ -55,14 +55,14 @@ class Energies(NamedTuple):
 def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0) -> Coupled:
     """A scene's device to be stepped by hand, under the scene's own excitation.
 
-    Its load is what the calls of `advance` say, and the scene's own is left out.
+    The calls of `advance` are its load; the scene's load is ignored.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene in SI units.
     realization : int
-        Whose excitation and start.
+        Number of the realization with the excitation and start.
     load_resistance : float
         Resistor across a piezo, or in series with a coil (Ω); 0: none.
 

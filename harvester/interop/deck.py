@@ -27,7 +27,7 @@ def write_deck(
     step: str | float = "default",
     realization: int = 0,
 ) -> list[Path]:
-    """Write a stand-alone .cir with load and noise; for LTspice the noise in a second file.
+    """Write a self-contained .cir with load and noise; for LTspice the noise in a second file.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def write_deck(
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     realization : int
-        Whose noise path.
+        Number of the realization with the noise path.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def write_deck(
     scene, target = setup.scene, output
     if is_stream(target) and dialect != "ngspice":
         raise HarvesterError(
-            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
+            "--dialect ltspice writes a second file, the noise: name a file by --output FILE.cir"
         )
     if not is_stream(target) and (Path(target).is_dir() or not Path(target).suffix):
         target = in_folder(target, f"{scene.name}.cir")

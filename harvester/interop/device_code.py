@@ -1,6 +1,6 @@
-"""The device as C: its equations written from its parts' formulas, beside a stepper that is fixed.
+"""The device as C: equations generated from its parts' formulas, and a fixed stepper.
 
-`sources/` holds the stepper, `harvester_device.c`, and what an FMU adds. It is compiled together
+`sources/` holds the stepper, `harvester_device.c`, and the FMU's additions. It is compiled together
 with `equations.h`, which holds one device's numbers and forces in SI.
 """
 
@@ -170,7 +170,7 @@ def _forces(s: System, named: Any) -> str:
 
 
 def _contacts(s: System, named: Any) -> str:
-    """Where contacts begin, and a function of the force of each."""
+    """Positions at which contacts begin, and a function of the force of each."""
     pairs = list(named_contacts(s))
     cases = ""
     for k, (name, contact) in enumerate(pairs):

@@ -38,7 +38,7 @@ from harvester.statistics.estimate import Density
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Default sliders: those of these keys that the scene has.
+# Default sliders: the keys of this list that the scene has.
 USUAL_KEYS = (
     "intensity", "correlation_time", "damping", "gap", "coupling", "resistance", "decay_rate",
 )  # fmt: skip
@@ -48,7 +48,7 @@ RANGE_RATIO = 3.0
 LOGARITHMIC_RATIO = 3.0
 # Monte Carlo's steps in a picture, which take a quarter of a second, and the fewest realizations.
 STEPS_SHOWN, FEWEST_REALIZATIONS = 1_000_000, 2
-# Steps with a netlist take 4 times as long, those of a load that switches 20 times.
+# Relative run time of a step: a netlist takes 4 times as long, a switching load 20 times.
 NETLIST_COST, SWITCHING_COST = 4, 20
 # Length of the waveform in periods of small oscillations.
 WAVEFORM_PERIODS = 25
@@ -132,7 +132,7 @@ class Explorer:
         Parameters
         ----------
         values : dict of str to float
-            Dotted keys to values; what is not named is as in the scene that was explored.
+            Dotted keys to values; other keys keep the values of the explored scene.
 
         Raises
         ------
@@ -190,7 +190,7 @@ def explore(
     Returns
     -------
     Explorer
-        `view.result` and `scene` are those of the place shown.
+        `view.result` and `scene` belong to the current positions of the sliders.
 
     Raises
     ------

@@ -43,7 +43,7 @@ UNITS = {
 
 
 class Variable(NamedTuple):
-    """One variable of the model description; `start` is None for what is computed."""
+    """One variable of the model description; `start` is None for a computed variable."""
 
     name: str
     causality: str
@@ -107,7 +107,7 @@ def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], No
     output : str or Path
         Folder.
     report : callable
-        Told where no compiler is there.
+        Called with a note if there is no compiler.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def _description2(setup: Prepared, name: str, token: str, compiled: list[str]) -
     """modelDescription.xml of FMI 2.0."""
     scene = setup.scene
     listed = variables(setup)
-    # FMI 2.0 recognizes time by itself; variables are numbered from one.
+    # In FMI 2.0 time is implicit; variables are numbered from one.
     text = _head(scene, "2.0", token) + ">\n"
     ability = _attributes(
         modelIdentifier=name, canHandleVariableCommunicationStepSize="true",

@@ -49,7 +49,7 @@ def write(
     report : callable
         Called with notes on what is written and with the names of the files, in a line each.
     **options
-        Options of the format; None stands for the format's default.
+        Options of the format; None means the format's default.
 
     Returns
     -------

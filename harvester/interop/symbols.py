@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-# Positions of the pins: (side, place on it) in steps of the grid, from the top.
+# Positions of the pins: (side, position on it) in steps of the grid, from the top.
 PLACES = {"base": ("left", 1), "x": ("left", -1), "p": ("right", 1), "n": ("right", -1)}
 
 
 def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
-    """A symbol whose netlist line calls the sub-circuit of the library beside it.
+    """A symbol whose netlist line calls the sub-circuit of a library in the same folder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Voltage and current over time for firmware people: CSV, and HDF5 of the Shepherd testbed.
+"""Voltage and current over time for firmware tests: CSV, and HDF5 of the Shepherd testbed.
 
 A replay plays what was recorded whatever hangs on it, while a live harvester is held back by what
 is drawn; what that changes is measured for every trace.
@@ -35,7 +35,7 @@ BLOCK = 10_000
 MOST_SAMPLES = 20_000_000
 # Most bytes of a sample on disk: time and two values in Shepherd's file; a line of text.
 BYTES = {"shepherd": 16, "csv": 36}
-# Load resistances that stand for open and shorted terminals, in matched resistances.
+# Load resistances that represent open and shorted terminals, in matched resistances.
 OPEN, SHORTED = 1e6, 1e-4
 # Loads, in multiples of the trace's own, at which a live device is compared with its replay.
 OTHER_LOADS = (1.0 / 3.0, 3.0)
@@ -91,7 +91,7 @@ class _Points:
 
 
 def record_trace(scene: Scene, rate: float, duration: float, realization: int) -> Trace:
-    """Simulate one realization and sample what its load takes, after settling.
+    """Simulate one realization and sample its load's voltage and current, after settling.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
     duration : float
         s.
     realization : int
-        Whose excitation.
+        Number of the realization with the excitation.
     """
     scene = scene.replace({"run.duration": duration})
     setup, engine, load = prepared(scene), MonteCarlo(), scene.load.circuit
@@ -116,7 +116,7 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
         with_range_watch(setup, [[terminals]]),
         [output] if output else None,
     )
-    # Without a resistor across the output, the trace is that of the terminals.
+    # Without a resistor across the output, the trace is recorded at the terminals.
     time, voltage, power = terminals.points()
     if output and output.conductance > 0.0:
         time, voltage, power = output.points()
@@ -200,9 +200,9 @@ def write_csv(
     duration : float or None
         s; None: the scene's.
     realization : int
-        Whose excitation.
+        Number of the realization with the excitation.
     report : callable
-        Told beforehand how large the file will be, and afterwards what a replay loses.
+        Called with the expected file size before, and the loss by replay afterwards.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def write_shepherd(
         "ivsample": voltage and current of the scene's load. "isc_voc": the voltage of the open and
         the current of the shorted terminals, from a run each.
     setup, output, duration, realization, report
-        As `write_csv`, its errors too; and MissingLibrary.
+        See `write_csv`; raises MissingLibrary too.
     """
     if data not in DATA_TYPES:
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")
@@ -309,7 +309,7 @@ def _gain(values: np.ndarray, usual: float) -> float:
 
 
 def _check(scene, kind, rate, duration, realization, report):
-    """Refuse what cannot be recorded, and say how large the file will be; returns the duration."""
+    """Raise if the trace cannot be recorded, report the file size, and return the duration."""
     if scene.units != "SI":
         raise ExportError(
             f'{scene.name}: units = "{scene.units}": a trace is in volts and amperes; give the '

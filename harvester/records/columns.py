@@ -33,19 +33,19 @@ RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 
 def setting_of(key: str, quantity: str) -> str:
-    """The setting behind a file on a command line for a quantity's "column", "unit" or "scale"."""
+    """The setting after a file on a command line for a quantity's "column", "unit" or "scale"."""
     if not quantity:
         return f"{key}=HZ"
     return f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
 
 
 class MeasuredFile:
-    """A file's columns with what their headings say.
+    """A file's columns with the quantities and units of their headings.
 
     `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
     of each column of a table of points; empty: any, as the headings say. `setting`: the name, for
     messages, of the setting that gives a quantity's "column", "unit" or "scale", or (with "" as the
-    quantity) the "sampling_rate"; `behind` says where it is given. Raises SceneError if it is no
+    quantity) the "sampling_rate"; `behind`: its source, for messages. Raises SceneError if it is no
     record.
 
     Attributes
@@ -72,7 +72,7 @@ class MeasuredFile:
         names = self.table.names
         quantities = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [heading(*pair) for pair in zip(names, quantities, strict=True)]
-        # A unit in a row of its own takes precedence over one in the heading.
+        # A unit in a separate row takes precedence over one in the heading.
         for index, unit in enumerate(self.table.units):
             if unit:
                 title, _, quantity = self.headings[index]
@@ -133,7 +133,7 @@ class MeasuredFile:
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
         if names[index] and not self.headings[index].unit:
-            # The setting says which quantity a column holds whose title names none.
+            # The setting names the quantity of a column whose title names none.
             self.headings[index] = heading(names[index], quantity)
         fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
@@ -196,9 +196,9 @@ class MeasuredFile:
     ) -> str:
         """Unit of a column in its usual spelling, by its heading or as stated, which must agree.
 
-        `scaled`: the scene is, and so are the columns: they have no units ("") but those of time,
-        frequency and phase. `raw`: a scale is given: the heading's unit is that of the raw column
-        and the stated one that of the scaled values. `hint`: for messages.
+        `scaled`: scene and columns are scaled: without units ("") except of time,
+        frequency and phase. `raw`: a scale is given: the heading's unit belongs to the raw column
+        and the stated unit to the scaled values. `hint`: for messages.
         "" for a time without a unit. Raises SceneError.
         """
         key, written = self.setting("unit", quantity), self.headings[index].unit
@@ -255,8 +255,8 @@ class MeasuredFile:
         column is read if it is stated, if there is no rate, or `always`. A stated column goes
         before the rate of the file.
 
-        `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of columns
-        that are to be read in the same pass. Raises SceneError.
+        `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of other
+        columns that are to be read in the same pass. Raises SceneError.
         """
         key, file_rate = self.setting("sampling_rate", ""), self.table.rate
         name = key.partition("=")[0]
@@ -288,7 +288,7 @@ class MeasuredFile:
         clock = clocks[0] if index is None else index
         numbers = self.take([*beside, clock])[-1]
         if index is None:
-            # A column without a unit may be in any, also in samples.
+            # A column without a unit may have any unit, including samples.
             written = self.headings[clock].unit
             units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
         else:
@@ -302,7 +302,7 @@ class MeasuredFile:
             if rates and all(rates):
                 raise SceneError(
                     f"{self.where}: {says}: {self.label(clock)} says {rates[0]:.6g} Hz: leave "
-                    f"{name} out, say in which unit the column is, or name it by "
+                    f"{name} out, give the column's unit, or name it by "
                     f"{self.setting('column', 'time')} to read the rate from it"
                 )
         return None if index is None else columns[0], rate

@@ -1,7 +1,7 @@
 """Decimal marks and thousands separators of a text file's columns, by all values of each column.
 
 "1,702" is 1.702 or 1702. A column's other values decide (0,5 has a decimal comma; 1,234,567 and
-742 beside 1,702 have a thousands separator), else the other columns; else the file is refused.
+742 next to 1,702 have a thousands separator), else the other columns; else the file is refused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ APART = re.compile(r"[+-]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
 
 
 def shape(text: str) -> str:
-    """What a number shows of its column's marks.
+    """Decimal and thousands marks that a number implies for its column.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def _marks(column, others):
             return decimal, ""
         if f"{decimal}?" not in column:
             continue
-        # All values have three digits behind the mark: the other columns decide.
+        # All values have three digits after the mark: the other columns decide.
         if f"{group}d" in others and f"{decimal}d" not in others:
             return group, decimal
         # A point alone is a decimal point, unless another column is as unsure of its comma.

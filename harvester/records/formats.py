@@ -14,9 +14,9 @@ from harvester.base.registry import Registry
 from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
 from harvester.records.table import Format, Table
 
-# Formats by the ending of their files. An ending that is not here is that of a text, unless an
-# installed package has an entry point of its name. First bytes go before the ending; those of
-# LabVIEW alone select its format, as some .lvm files have no headers.
+# Formats by the ending of their files. Any other ending means a text, unless an
+# installed package has an entry point of its name. First bytes take precedence over the ending; the
+# first bytes of LabVIEW alone select its format, as some .lvm files have no headers.
 FORMATS: Registry[Format] = Registry(
     "harvester.record_formats",
     {
@@ -35,7 +35,7 @@ FORMATS: Registry[Format] = Registry(
 FILE_SHARE = 0.25
 # Memory per sample that reading and conditioning take, in bytes (92 were measured).
 BYTES_PER_SAMPLE = 100
-# First bytes of files that are often taken for records, and what to do with them.
+# First bytes of files that are often mistaken for records, with advice.
 UNPACK = "unpack it"
 EXPORT = "export the samples as .csv from the program that wrote it"
 FOREIGN = {

@@ -37,7 +37,7 @@ def read(content: bytes) -> Table:
     """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
-    number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
+    number named `fs`, `dt` or the like. Packed numbers and gaps follow the CF conventions
     (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_range`).
 
     `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
@@ -67,17 +67,17 @@ def _table(h5py, file):
 
     def numbers(longest):
         single = {name: _values(*array) for name, array in arrays.items() if array[0].size == 1}
-        said = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
+        attributes = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
         for name in longest:
-            said |= _number_attributes(arrays[name][0], f"{name}/")
-        return said | _number_attributes(file)
+            attributes |= _number_attributes(arrays[name][0], f"{name}/")
+        return attributes | _number_attributes(file)
 
     return table_of_longest(shapes, load, units, numbers)
 
 
 def _number_fields(dataset):
     """Fields of a data set that hold numbers; "" for the data set itself."""
-    # Where MATLAB wrote the data set, it says whether these are numbers or a text.
+    # MATLAB's attribute distinguishes numbers from text.
     sort = _text_attribute(dataset, (MATLAB_CLASS,))
     if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
         return []
@@ -128,7 +128,7 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise Unreadable(f"{where} is a link to another file: copy its data into this one")
-            # Only hard links are followed: a soft link leads to an object with a path of its own,
+            # Only hard links are followed: a soft link leads to an object with another path,
             # or out of the file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue
@@ -169,7 +169,7 @@ def _text_attribute(dataset, names):
 
 
 def _number_attributes(holder, path=""):
-    """Attributes that hold a single number, by their names behind a path."""
+    """Attributes that hold a single number, by path and name."""
     attributes = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         f"{path}{name}": float(value.ravel()[0])

@@ -23,8 +23,8 @@ ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
 def read(content: bytes) -> Table:
     """The channel of acceleration with the most samples; times, axes and their units.
 
-    `content`: bytes of the whole file; calibrated as it says. Raises Unreadable if it holds no
-    acceleration.
+    `content`: bytes of the whole file, with its calibration applied. Raises Unreadable if it holds
+    no acceleration.
     """
     importer = optional_library("idelib.importer", "an .IDE record", "loggers")
     logger = logging.getLogger("idelib")
@@ -73,7 +73,7 @@ def _kind(units):
 
 
 def _refuse_expressions(content):
-    """Refuse a text in the place of a number, which the reader would evaluate."""
+    """Raise for a text instead of a number, which the reader would evaluate."""
     core = optional_library("ebmlite", "an .IDE record", "loggers")
     document = core.loadSchema(SCHEMA).load(io.BytesIO(content))
     for name, value in _texts(document):

@@ -8,14 +8,14 @@ from harvester.records import text
 from harvester.records.table import LARGEST_TEXT, Format, Table
 
 END_OF_HEADER = b"***End_of_Header***"
-# Most headers: that of the file and that of its one segment.
+# Largest number of headers: one of the file and one of its segment.
 MOST_HEADERS = 2
 SEPARATORS = {"Comma": ","}
 COMMENT = "comment"
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; names, units and time step are those of the file's headers.
+    """Samples by columns; names, units and time step come from the file's headers.
 
     Raises ValueError if it has no end of a header, or several segments.
     """
@@ -25,7 +25,7 @@ def read(content: bytes) -> Table:
             f"it has {len(parts) - 1} headers, and one segment with its own is read: save each "
             "segment as a file"
         )
-    # Behind the last header stand names and samples.
+    # The last header is followed by names and samples.
     names_line, _, samples = parts[-1].partition(b"\n")[2].lstrip(b"\r\n").partition(b"\n")
     table = text.read(samples)
     header = b"\n".join(parts[:-1]).decode("utf-8", errors="replace")

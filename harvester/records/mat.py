@@ -26,7 +26,7 @@ NUMBER_CLASSES = {
     "single",
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-# scipy allocates what cells and structures claim to hold before it reads them, and recurses into
+# scipy allocates the claimed size of cells and structures before it reads them, and recurses into
 # each.
 MOST_PARTS, DEEPEST = 100_000, 16
 LARGEST_STRUCTURE = 2**28
@@ -37,7 +37,7 @@ HEADER_BYTES, HEAD_BYTES = 128, 64
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; names are those of the variables, `data.y` for a field of a structure.
+    """Samples by columns, named as the variables; `data.y` for a field of a structure.
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
 
@@ -125,7 +125,7 @@ def _elements(data, order):
     offset = 0
     while offset + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, offset)
-        # An element of up to four bytes stands within its tag.
+        # An element of up to four bytes is stored within its tag.
         if kind >> 16:
             kind, size, start, offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
         else:

@@ -16,7 +16,7 @@ from harvester.records.formats import format_of
 from harvester.records.quantities import QUANTITIES, quantity_of
 
 LARGEST_FILE = 1_000_000
-# A comment behind numbers.
+# A comment after numbers.
 INLINE = re.compile(r"(?<=[\d \t])#.*")
 NUMBER = re.compile(r"[-+\d.,eE\s]*\d[-+\d.,eE\s]*")
 
@@ -28,9 +28,9 @@ def read_points(
     stated: Sequence[str | None] = (None, None),
     scaled: bool = False,
 ) -> tuple[np.ndarray, list[str]]:
-    """Points of shape (n, 2) as the file has them, and their units; "" where no heading says one.
+    """Points of shape (n, 2) as the file has them, and their units; "" if no heading has one.
 
-    `noun`: kind of file, for messages. `quantities`: those of the two columns. `stated`: units
+    `noun`: kind of file, for messages. `quantities`: quantities of the two columns. `stated`: units
     that a heading must not contradict. `scaled`: whether the points are of a scaled scene, which
     take no units. Raises SceneError if the file cannot be read, a line of it holds no two numbers,
     or a heading names other quantities or a wrong unit.

@@ -1,4 +1,4 @@
-"""Quantities of measured columns: their units, and what a column's heading says of both."""
+"""Quantities of measured columns, their units, and both from a column's heading."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ WORDS: dict[str, dict[str, str]] = {
     **dict.fromkeys(IMPEDANCES, OHM_WORDS),
 }
 LENGTHS = ("m", "cm", "mm", "ft", "in")
-# How "per second squared" and "per second" are written behind a length; the usual way first.
+# Spellings of "per second squared" and "per second" after a length; the usual one first.
 PER_TIME = {
     "acceleration": "/s^2 /s2 /s/s /(s^2) /sec^2 /sec2 /sec/sec s^-2 s-2 s^(-2) /s**2 "
     "_s2 _s^2 _s-2 s2 ps2 ps^2 pers2 _per_s2 _per_s^2",
@@ -140,7 +140,7 @@ def unit_named(quantity: str, text: str) -> str | None:
 def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
     """Usual spelling of a unit of a quantity in `QUANTITIES`.
 
-    `where`, `cure`: for the message: file and column; what to do. Raises SceneError if the quantity
+    `where`, `cure`: for the message: file and column; the remedy. Raises SceneError if the quantity
     has no such unit, or the unit has two readings.
     """
     usual = unit_named(quantity, unit)
@@ -202,16 +202,16 @@ TITLES = {
     "resistance": re.compile(r"(series )?resistance|(z re(al)?|re(al)? z)( part)?|z'"),
     "reactance": re.compile(r"(series )?reactance|(z im(ag(inary)?)?|im(ag(inary)?)? z)|z''|z\""),
 }
-# Letters that name a quantity only where its unit stands behind them.
+# Letters that name a quantity only if its unit follows.
 LETTERS = {
     "acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis"),
     "impedance": re.compile(r"z|mag(nitude)?|modulus"),
     "resistance": re.compile(r"rs?"),
     "reactance": re.compile(r"xs?"),
 }
-# A name, and a text in brackets behind it.
+# A name, followed by a text in brackets.
 BRACKET = re.compile(r"(.*?)(?:\[([^\[\]]*)\]|\{([^{}]*)\}|\(((?:[^()]|\([^()]*\))*)\))\s*")
-# A text in brackets behind a name that gives a place or a channel.
+# A text in brackets after a name that gives a position or a channel.
 LABEL = re.compile(
     r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
     r"north|east|south|west|up|down|vertical|horizontal|"
@@ -258,7 +258,7 @@ def heading(text: str, expected: str = "") -> Heading:
 
 
 def _bracketed(text):
-    """A text before a bracket at its end, and what is within; None without a bracket."""
+    """Text before a bracket at the end, and text within it; None without a bracket."""
     match = BRACKET.fullmatch(text.strip())
     return (match[1].strip(), match[match.lastindex or 0].strip()) if match else (text, None)
 
@@ -266,12 +266,12 @@ def _bracketed(text):
 def quantity_of(title: str, unit: str) -> str:
     """The quantity that a title names, empty where it names none.
 
-    Letters such as "a" name an acceleration only beside one of its units.
+    Letters such as "a" name an acceleration only with one of its units.
     """
-    # A place or a channel in brackets behind the title is left out.
+    # A position or a channel in brackets after the title is ignored.
     before, within = _bracketed(title)
     bare = before if LABEL.fullmatch(within or "") else title
-    # The quantity may stand behind the names of groups and structures: "data.time", "run
+    # The quantity may follow the names of groups and structures: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
         words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())
@@ -293,7 +293,7 @@ def is_unit(text: str) -> bool:
 def column_named(column: str, names: Collection[str], quantity: str = "") -> int | None:
     """Index of a column by its whole name, or by its title if only one column has it.
 
-    `quantity`: what the column holds. None where there is no such column.
+    `quantity`: quantity of the column. None if there is no such column.
     """
     listed = list(names)
     if column and column in listed:

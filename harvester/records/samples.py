@@ -17,7 +17,7 @@ FEWEST_SAMPLES = 64
 # Largest share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
 # A sample is an outlier if its distance from the median exceeds the largest distance of all other
-# samples by this factor. A shock's samples differ; those of a marker are equal, or it is
+# samples by this factor. A shock's samples differ; the samples of a marker are equal, or it is
 # one sample alone.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
 # The middle half of the samples shows where the centre is and how far the rest reaches.
@@ -47,7 +47,7 @@ def without_markers(
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Samples with markers (-9999, 65535, a rail) replaced by NaN, if `mend` asks for it.
 
-    Loggers write such a number for what they could not measure.
+    Loggers write such a number for a missing measurement.
 
     `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
     mend; "nan" among them takes markers for gaps. Returns the samples, shape (n,), and a remark if
@@ -77,7 +77,7 @@ def marker_remark(values: np.ndarray) -> str:
 
 
 def outliers(values: np.ndarray) -> np.ndarray:
-    """Where a few equal samples, or a single one, stand far outside all others: bool (n,)."""
+    """Samples that are markers: a few equal ones, or one, far outside all others: bool (n,)."""
     far = np.zeros(values.size, dtype=bool)
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < FEWEST_SAMPLES:
@@ -102,10 +102,10 @@ def mended(
     where: str,
     mend: Collection[str] | None = None,
 ) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    """Finite samples that are not clipped, their times, and what was mended, in words.
+    """Finite samples that are not clipped, their times, and the repairs, in words.
 
     `values`, `times`: shape (n,). `mend`: faults to mend: "nan" by straight lines over the gap,
-    "clipped" by a cubic spline through what was not clipped; None: none can be. Raises SceneError
+    "clipped" by a cubic spline through the other samples; None: no repair. Raises SceneError
     for too few samples, and for a fault that was not to be mended, or cannot be.
     """
     refuse_short(values, where)
@@ -133,7 +133,7 @@ def mended(
 
 
 def _refuse(fault, samples, detail, where, mend):
-    """Refuse faulty samples unless `mend` names the fault and they are few enough."""
+    """Raise for faulty samples, unless `mend` names the fault and they are few."""
     name, cure = {
         "nan": ("without a number", "cut the record there"),
         "clipped": ("clipped", "measure in a wider range"),
@@ -166,7 +166,7 @@ def refuse_constant(values: np.ndarray, where: str) -> None:
 
 
 def clipped_samples(values: np.ndarray) -> np.ndarray:
-    """Where the samples stay at an extreme value, crest after crest: bool of the same shape."""
+    """Samples that stay at an extreme value at several crests: bool of the same shape."""
     clipped = np.zeros(values.size, dtype=bool)
     for extreme in (values.max(), values.min()):
         flat = values == extreme

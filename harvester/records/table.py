@@ -1,4 +1,4 @@
-"""What the reader of a format returns: the columns of one file."""
+"""The columns of one file, as the reader of a format returns them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def broken_file(
 ) -> Iterator[None]:
     """Within the block, turn any exception of a library's parser into `Unreadable`.
 
-    Those of the classes in `others` are passed on. Raises Unreadable.
+    Exceptions of the classes in `others` are passed on. Raises Unreadable.
     """
     try:
         with warnings.catch_warnings():
@@ -62,7 +62,7 @@ class Table:
     units
         Units of the columns if the file has them apart from the names; "" for none.
     rate
-        Sampling rate (Hz) if the file itself says it.
+        Sampling rate (Hz) if the file has it.
     texts
         Indices of columns that hold words.
     complexes
@@ -120,7 +120,7 @@ def table_of(
                 for k in indices
             ]
 
-    # Beside complex columns, a column such as that of frequencies has no imaginary part.
+    # In a file with complex columns, a column such as the frequency has no imaginary part.
     complexes = [k for k, c in enumerate(columns) if np.iscomplexobj(c) and c.imag.any()]
     return Table(names, len(columns[0]) if columns else 0, take, units, complexes=complexes)
 
@@ -139,7 +139,7 @@ def table_of_longest(
     names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
     arrays whose units the file says. `numbers`: function of the names of the longest arrays; gives
     single numbers by name, of which `rate_of` takes the sampling rate. Raises Unreadable if they
-    hold too many numbers, or say different rates.
+    hold too many numbers, or contradictory rates.
     """
     sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
     # A single number is no series of samples.
@@ -161,10 +161,10 @@ def table_of_longest(
 
 
 def rate_of(numbers: Mapping[str, float]) -> float | None:
-    """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
+    """Sampling rate (Hz) from a file's single numbers with names such as `fs`, else None.
 
-    `numbers`: single numbers by their names, also behind those of groups or structures. Raises
-    Unreadable if two of them say different rates.
+    `numbers`: single numbers by their names, also after names of groups or structures. Raises
+    Unreadable if two of them contradict each other.
     """
     last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}
     rates = {name: value for name, value in numbers.items() if last[name] in RATES}
@@ -172,5 +172,5 @@ def rate_of(numbers: Mapping[str, float]) -> float | None:
     usable = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
     if usable and max(usable.values()) > min(usable.values()) * (1.0 + 1e-6):
         listed = ", ".join(f"{name}: {rate:g} Hz" for name, rate in usable.items())
-        raise Unreadable(f"it says several sampling rates ({listed}): keep one of them")
+        raise Unreadable(f"it has several sampling rates ({listed}): keep one of them")
     return next(iter(usable.values()), None)

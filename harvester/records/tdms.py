@@ -20,12 +20,12 @@ from harvester.records.table import (
 
 
 def read(content: bytes) -> Table:
-    """Channels as columns, scaled as the file says; names are `group/channel`.
+    """Channels as columns, with the file's scaling; names are `group/channel`.
 
     Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
     """
     nptdms = optional_library("nptdms", "a TDMS record", "loggers")
-    # The library's log would repeat on the console what the error says.
+    # The library's log would repeat the error on the console.
     importlib.import_module("nptdms.log").log_manager.set_level(logging.ERROR)
     broken = broken_file("TDMS file", "save the samples as .csv")
     with broken, nptdms.TdmsFile.open(io.BytesIO(content)) as file:

@@ -25,7 +25,7 @@ COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")
 # Longest line in characters. A line holds one sample of every column.
 LONGEST_LINE = 1_000_000
-# The form is that of most of the last lines. A footer makes up less than half of them.
+# The form follows the majority of the last lines. A footer makes up less than half of them.
 LINES_SEEN, BYTES_SEEN = 41, 200_000
 HEADER_LINES = 50
 NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
@@ -34,16 +34,16 @@ NUMBER, STAMP, COMPLEX, TEXT = "number", "stamp", "complex", "text"
 COMPLEX_NUMBER = re.compile(
     r"\(?\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([+-])\s*([\d.]+(?:[eE][+-]?\d+)?)\s*\*?[ij]\s*\)?"
 )
-# A quoted field, a unit in brackets, or a word with a unit in brackets behind it.
+# A quoted field, a unit in brackets, or a word followed by a unit in brackets.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
-# In a row of units, loggers write this for a column without a unit.
+# Entries of a row of units by which loggers mark a column without a unit.
 NO_UNIT = ("", "-", "ts", "rn")
 # Decimals and exponent of a number. A line that was cut short has fewer of them.
 DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
 
 
 class Form(NamedTuple):
-    """How a line of samples is written.
+    """Format of a line of samples.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def read(content: bytes) -> Table:
     """Columns separated by commas, semicolons, tabs or blanks, with or without a header.
 
     Numbers may be quoted, and have decimal commas where another sign separates them. The last line
-    may be cut short, and a footer may follow the samples. The names are those of the header, or of
+    may be cut short, and a footer may follow the samples. The names come from the header, or from
     the comment above the first line, and may have a row of units below them. Time stamps are
     seconds after the first.
 
@@ -139,12 +139,12 @@ def _reader(kind, decimal=",", group=""):
 def _marks(content, form, samples, indices):
     """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
     numbers = [k for k, kind in enumerate(form.kinds) if kind == NUMBER]
-    # Whether a field may hold a comma: each column's values then show what it means.
+    # Whether a field may hold a comma: each column's values then decide its meaning.
     if b"," not in content or (form.separator == "," and b'"' not in content):
         asked = {*indices} & {*numbers} if b"." in content else ()
         columns = ((fields[k] for fields in samples()) for k in asked)
         shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
-        # Points may stand between thousands: 1.286 beside 742.
+        # Points may separate thousands: 1.286 next to 742.
         if not any({".?", "mid"} <= {*seen} for seen in shapes):
             return {}
     rows = ([fields[k] for k in numbers] for fields in samples())
@@ -177,7 +177,7 @@ def _last_lines(content):
 
 
 def _scan(content, form):
-    """Lines above the first row, with whether they are comments; its number; rows; lines behind."""
+    """Lines above the first row, with whether they are comments; its number; rows; lines below."""
     above: deque = deque(maxlen=HEADER_LINES)
     last: list[str] = []
     width, first, rows, behind, ragged = len(form.kinds), 0, 0, 0, ""
@@ -207,8 +207,10 @@ def _is_cut_short(content, lines, form):
     """Whether the last number has fewer digits than all others, which have the same."""
     *others, last = (DIGITS.fullmatch(_fields(x, form.separator)[-1].strip()) for x in lines)
     # Decimals, and letters of the exponent.
-    digits, *more = {match and (len(match[1]), len(match[2] or "")) for match in others} or {None}
-    if content.endswith((b"\n", b"\r")) or len(others) < 2 or more or not (digits and last):
+    digits, *other_digits = {
+        match and (len(match[1]), len(match[2] or "")) for match in others
+    } or {None}
+    if content.endswith((b"\n", b"\r")) or len(others) < 2 or other_digits or not (digits and last):
         return False
     return (len(last[1]), len(last[2] or "")) < digits
 
@@ -326,13 +328,13 @@ def _is_unit_row(row):
 
 
 def _refuse_unquoted_commas(above, form):
-    """Decimal commas between commas make two columns of each."""
+    """Raise if decimal commas between commas split each column in two."""
     for line, comment in above:
         names = [] if comment or form.separator != "," else line.split(",")
         if len(form.kinds) == 2 * len(names) and any(heading(name).quantity for name in names):
             raise ValueError(
                 f"its header has {len(names)} names and its lines {len(form.kinds)} columns: "
-                "decimal commas cannot be told from commas between columns: save it with "
+                "decimal commas cannot be distinguished from commas between columns: save it with "
                 "semicolons between them"
             )
 

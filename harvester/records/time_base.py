@@ -1,4 +1,4 @@
-"""The time base of a record: an even grid that its stamps are rounded from, drift from, or leave.
+"""The time base of a record: the even grid of its rounded, drifting or irregular stamps.
 
 Loggers round their stamps (0.003, 0.006, 0.008 s at 360 Hz), and their clocks drift. The samples
 are even all the same, so a fit of the stamps gives the rate. Interpolation at rounded stamps would
@@ -20,8 +20,8 @@ from harvester.records.samples import LARGEST_MENDED_SHARE, refuse_short
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
 # Largest deviation of a time from an even grid, in spacings.
 LARGEST_JITTER = 0.1
-# Rounded stamps have two lengths of steps, to this share of their difference, each so many times:
-# a single long step is a sample that is missing.
+# Rounded stamps have two lengths of steps, to this share of their difference, each at least this
+# often: a single long step is a sample that is missing.
 TWO_LENGTHS, FEWEST_STEPS = 0.01, 3
 # Largest relative error of a rate that rounded stamps give.
 RATE_ERROR = 1e-3
@@ -55,7 +55,7 @@ def time_base(
     """The even grid of a record's samples.
 
     `times`: shape (n,); s, finite; None: the rate counts alone. `rate`: Hz, as given. `where`,
-    `cure`: for messages: the file; what to do about times that do not rise. `mend`: with "uneven",
+    `cure`: for messages: the file; remedy for times that do not rise. `mend`: with "uneven",
     samples that are missing or were taken unevenly are interpolated; None: they cannot be. Raises
     SceneError for too few times, for times that do not rise or are no seconds, and for those that
     leave an even grid.
@@ -99,7 +99,7 @@ def _fitted(times, rate, steps, rounding):
 
 
 def rounded_to(steps: np.ndarray) -> float:
-    """What the stamps are rounded to (s), 0 if they are not.
+    """Resolution of rounded stamps (s), 0 if they are not rounded.
 
     Their steps then are two neighbouring multiples of it, each several times.
     """
@@ -194,7 +194,7 @@ def _uneven(times, rate, steps, where, mend):
 
 
 def _bridged(times, steps, spacing, where):
-    """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
+    """Remark on gaps bridged by straight lines; raises above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
     longest = int(np.argmax(steps))

@@ -21,7 +21,7 @@ class StampReader:
     """Reads the stamps of one column, one after the other.
 
     They follow ISO 8601 (2026-03-01T12:00:00.005Z), or are clock times (12:00:00.005, or 00:00.005
-    for minutes and seconds) without a date or behind a date that stays the same. A clock without a
+    for minutes and seconds) without a date or after a date that stays the same. A clock without a
     date that goes back by half a day or more has passed midnight.
 
     Examples
@@ -64,7 +64,7 @@ class StampReader:
         """Seconds since the first midnight."""
         if self._date not in (None, date):
             raise ValueError(
-                f"its dates change ({self._date}, {date}), and in which order day and month stand "
+                f"its dates change ({self._date}, {date}), and the order of day and month "
                 "is not known: write them after ISO 8601 (2026-03-01T12:00:00.005), or seconds"
             )
         if not date and self._clock - clock > 0.5 * DAY:

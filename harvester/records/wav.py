@@ -88,7 +88,7 @@ def _layout(order, form):
     fits = 0 < bits <= 8 * size if tag == PCM else bits == 8 * size and size in (4, 8)
     if stride % channels or not 1 <= size <= 8 or not fits:
         raise ValueError(
-            f"its header says {bits} bits in {stride} bytes for {channels} channels: convert it "
+            f"its header gives {bits} bits in {stride} bytes for {channels} channels: convert it "
             "to PCM of 8, 16, 24 or 32 bits, or float"
         )
     integer = "u1" if size == 1 else f"{order}i{next(n for n in (2, 4, 8) if n >= size)}"

@@ -111,7 +111,7 @@ def _merged(result, name):
     if random and (density.standard_error is None or not samples):
         return density
     held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
-    # A periodic motion is sampled at the same few places again and again: narrow bins would show
+    # A periodic motion is sampled at the same few positions again and again: narrow bins would show
     # only gaps.
     size = held // max(FEWEST_BINS, math.ceil(2.0 * (samples or 0.0) ** (1.0 / 3.0)))
     if size < 2:

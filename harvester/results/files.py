@@ -44,7 +44,7 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     """
     if not isinstance(result, ResultBase):
         raise HarvesterError(
-            f"save: {shown(result)}: is no result; give what simulate or a study returned"
+            f"save: {shown(result)}: is no result: pass the return value of simulate or of a study"
         )
     if not isinstance(target, (str, os.PathLike)):
         raise HarvesterError(f"save: {shown(target)}: is no path of a file or a folder")

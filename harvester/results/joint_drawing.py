@@ -22,7 +22,7 @@ TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": 
 
 
 def draw(results: Sequence[Any]) -> Figure | None:
-    """p(X, X') of every result that has one, in the places and the colours of the last of them.
+    """p(X, X') of every result that has one, on the grid and colour scale of the last of them.
 
     Wells are marked by dots, saddles by crosses.
     """
@@ -69,7 +69,7 @@ def _draw_panel(axes, result, places, values, highest):
 
 
 def _frame(axes, result, places, values):
-    """Limits a little beyond what is drawn."""
+    """Limits a little beyond the drawn data."""
     seen = values > LEAST_SHARE * values.max()
     limits = (axes.set_xlim, axes.set_ylim)
     for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):

@@ -17,7 +17,7 @@ from harvester.statistics.estimate import Estimate
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNDETERMINED = "not settled", "no period: chaotic or not settled"
 NO_PERIOD = "no period"
-# What starts do that reach no steady motion: a load's store, the mass, the numbers.
+# Kinds of starts that reach no steady motion: a load's store, the mass, the numbers.
 CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
@@ -33,13 +33,13 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Attractor:
-    """One steady motion among those of a run's starts, in the scene's units.
+    """One steady motion that some starts of a run reach, in the scene's units.
 
     Attributes
     ----------
     name : A, B, … in the order of their shares, or one of `UNSTEADY`.
     period
-        Of the motion in periods of the excitation; None if it does not repeat itself.
+        Period of the motion in periods of the excitation; None if it does not repeat itself.
     periodic_drive
         Whether the excitation has a period; else motions are those that meet.
     starts, share
@@ -47,9 +47,9 @@ class Attractor:
     share_error
         Standard error of the share, if starts are drawn at random.
     quantities
-        Of a periodic motion power, voltage and displacement over whole cycles of the start
+        For a periodic motion power, voltage and displacement over whole cycles of the start
         that converged best, and the others of its starts that had settled before the measurement;
-        else means of its starts alone. Empty for what is no steady motion.
+        else means of its starts alone. Empty if the motion is not steady.
     points
         Displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
     lyapunov
@@ -81,7 +81,7 @@ class Attractor:
         return "chaotic" if self.lyapunov.chaotic else NOT_SETTLED
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
-        """Plain values for JSON; `unit` gives that of a dimension."""
+        """Plain values for JSON; `unit` returns the unit of a dimension."""
         quantities = {
             name: estimate.to_dict(unit(estimate.dimension))
             for name, estimate in self.quantities.items()

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from harvester.results.view import View
 
 # A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
-# so below this share of its own size, at which its values are 7 points high.
+# so below this share of its drawn size, at which its values are 7 points high.
 NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
-# A longer table comes in pages of so many rows. Sentences after the first few are folded.
+# Rows of a table per page. Sentences after the first few are folded.
 ROWS, SENTENCES = 25, 8
-# A picture is drawn at most at this multiple of its own size.
+# Largest magnification of a picture.
 LARGEST_SCALE = 1.3
 
 
@@ -68,7 +68,7 @@ def facts(text: str) -> str:
 
 
 def all_facts(lines: Sequence[str]) -> str:
-    """Paragraphs in small print; of many the first, and the others behind a line to open."""
+    """Paragraphs in small print; many of them are folded after the first few."""
     first, others = lines[:SENTENCES], lines[SENTENCES:]
     return "".join(map(facts, first)) + (
         _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
@@ -114,7 +114,7 @@ def table_in_pages(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0.0) -> str:
     """A picture within the page; a small one is not made as wide as the page.
 
-    With `least_scale` it is shown with at least this share of its own size.
+    With `least_scale` it is shown with at least this share of its drawn size.
     """
     data = base64.b64encode(svg).decode()
     size = f"min-width: {NARROWEST_FIGURE}"

@@ -1,4 +1,4 @@
-"""Colours and markers: one of its own for every method, the same in every figure."""
+"""Colours and markers: every method has one, the same in every figure."""
 
 from collections.abc import Iterable
 from itertools import cycle
@@ -26,7 +26,7 @@ _SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=
 
 
 def styles(groups: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """(colour, marker) of each of these groups; those not met before take spare ones in turn."""
+    """(colour, marker) of each of these groups; new groups get the next spare ones."""
     names = dict.fromkeys(groups)
     spare = cycle(_SPARE)
     return {name: _GROUPS.get(name) or next(spare) for name in names}

@@ -1,4 +1,4 @@
-"""Figures from data: panels of series with error bars, drawn in one place."""
+"""Figures from data: panels of series with error bars."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Series:
     colour : str or None
         None: the next of the style's own.
     line, marker : str
-        As matplotlib has them; "" for none.
+        Style and marker as in matplotlib; "" for none.
     bars : array_like or None
         Lengths of the error bars to either side; of shape (n,), or (2, n) below and above.
     band : array_like or None, shape (n,)
@@ -50,7 +50,7 @@ class Series:
     width : float or None
         Width of a line; None: the style's own.
     shift : float
-        Points of print to the right, so that marks at the same place stand side by side.
+        Points of print to the right, so that marks at the same position are side by side.
     """
 
     x: Any
@@ -79,7 +79,7 @@ class Panel:
     from_zero : bool
         Whether the y axis begins at 0.
     more : callable or None
-        Given the axes, draws what is no series.
+        Draws everything else into the given axes.
     """
 
     x_label: str
@@ -138,7 +138,7 @@ def draw_panels(
 
 
 def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """One legend for all panels; a label that several have stands once."""
+    """One legend for all panels; a label that several have is shown once."""
     legend: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
@@ -178,7 +178,7 @@ def thin_ticks(axes: Axes) -> None:
 
 
 def _tick(value):
-    """A number as it stands where that is short, else with a power of ten."""
+    """A number as text: in plain form if that is short, else with a power of ten."""
     if PLAIN[0] <= value < PLAIN[1]:
         return f"{value:g}"
     first, _, power = f"{value:.0e}".partition("e")
@@ -239,7 +239,7 @@ def draw_series(axes: Axes, series: Series) -> None:
     if series.shift:
         from matplotlib.transforms import ScaledTranslation
 
-        # After the drawing: the axes' limits follow marks in their own places only.
+        # After the drawing: the axes' limits follow marks in their original positions only.
         shift = ScaledTranslation(series.shift / 72.0, 0.0, axes.figure.dpi_scale_trans)
         for artist in (line, *caps, *stems, *empty):
             artist.set_transform(axes.transData + shift)

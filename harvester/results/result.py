@@ -1,4 +1,4 @@
-"""Results with their evidence: what every engine and closure returns, and how it is shown."""
+"""Results with their evidence: the return value of every engine and closure, and its view."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import Dataset
 
-# The steps' error of a difference of powers is printed from this multiple of that of powers on.
+# The step error of a difference of powers is printed if it exceeds this multiple of the powers'
+# own.
 LARGER_ERROR = 1.5
 # Why a value has an error of 0.
 CONSTANT = "constant in the run: the load or the scene fixes it"
@@ -90,7 +91,7 @@ class Result(ResultBase):
     netlist_sha256 : str or None
         SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
-        Notes that a reader must know before citing a number.
+        Caveats for citing a number.
     densities : dict of str to Density
         Densities of displacement, velocity and voltage.
     joint_density : JointDensity or None
@@ -103,7 +104,7 @@ class Result(ResultBase):
     moments : list of harvester.statistics.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
-        The fit behind averaging over a record.
+        The fit that averaging over a record used.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
         If requested, the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.statistics.stroboscope.COLUMNS`; see `section`.
@@ -229,7 +230,7 @@ class Result(ResultBase):
             reason = f"{error} is missing"
         except (TypeError, AttributeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
-        raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
+        raise HarvesterError(f"no result: {reason}; pass the return value of Result.to_dict")
 
     def _dataset(self) -> Dataset:
         """All quantities and densities in the scene's units, each with its standard error or nan.
@@ -309,7 +310,7 @@ class Result(ResultBase):
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: quantity, unit, value with error bar, effective samples.
 
-        Behind mean squares stand their roots, behind what has no error bar the reason.
+        Mean squares are followed by their roots, values without an error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
         header = ["quantity", "unit"]
@@ -359,7 +360,7 @@ class Result(ResultBase):
         return Printed(text, value, error, unit, estimate=estimate)
 
     def _findings(self) -> list[str]:
-        """How the numbers came about, and what to know before citing one."""
+        """How the numbers were obtained, and caveats for citing them."""
         return [
             *self.evidence(),
             *device_line(self.scene),
@@ -394,7 +395,7 @@ class Result(ResultBase):
         return self.stroboscope[:, :, :2] * units
 
     def evidence(self) -> list[str]:
-        """Sentences on the runs and methods behind the numbers."""
+        """Sentences on the runs and methods that gave the numbers."""
         sentences = [self.engine_version]
         if self.simulated_time > 0.0:
             sentences.append(
@@ -419,7 +420,7 @@ class Result(ResultBase):
 
 
 def _add_density(variables, name, axes, density, scale, unit):
-    """Add a density along its axes, and its error; `scale` and `unit` are those of its area."""
+    """Add a density along its axes, and its error; `scale` and `unit` refer to its area."""
     inverse = {"unit": f"1/({unit})"}
     variables[f"{name}_density"] = (axes, density.density / scale, inverse)
     if density.standard_error is not None:
@@ -450,11 +451,11 @@ def _result_of(kind, content, folder):
     written = result.to_dict()
     for name in written.keys() - {"attractors", "scene", "spectrum_fit"}:
         if content.get(name) != written[name]:
-            raise NotAValue(f"{name} is not what the other values say, or not finite")
+            raise NotAValue(f"{name} contradicts the other values, or is not finite")
     return result
 
 
 def _check_size(value, where):
-    """Check a size: NaN and None stand for one that is not known."""
+    """Check a size: NaN and None mean an unknown one."""
     if value is not None and value < 0.0:
         raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # A text longer than this is a footnote, so that a table of numbers stays narrow.
 LONGEST_CELL = 32
-# Least width to which a column that tells rows apart is narrowed.
+# Least width to which a column that identifies rows is narrowed.
 NARROWEST_KEY = 12
 # Characters between two columns, and at both ends of a line.
 GAP, MARGIN = 3, 1
@@ -43,7 +43,7 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
         block = RichTable(box=box.SIMPLE_HEAD)
         spare = width - MARGIN - sum(widths[k] + GAP for k in columns)
         for k in columns:
-            # What is left of the line is for headings that need several lines.
+            # The remaining width is for headings that need several lines.
             wider = max(0, min(spare, len(header[k]) - widths[k]))
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
@@ -115,7 +115,7 @@ def _longest_word(text):
 
 
 def density_sketch(results: Mapping[str, Result]) -> list[str]:
-    """A line of letters for each method that knows the density of X, and one with the range.
+    """A line of letters for each method with a density of X, and one with the range.
 
     All lines have the same range and the same height.
     """

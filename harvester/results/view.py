@@ -51,7 +51,8 @@ class Picture:
     Attributes
     ----------
     draw : callable
-        Given the content, returns a matplotlib Figure, or None if there is nothing to draw.
+        Function of the content that returns a matplotlib Figure, or None if there is nothing to
+        draw.
     content : object
     name : str
         Part of the file's name; empty for the main figure.
@@ -83,7 +84,7 @@ class View:
     table : Table
         For people; its cells are text or `harvester.base.formatting.Printed`.
     findings : sequence of str
-        Sentences: what was found, how it was obtained, what to know before citing a number.
+        Sentences: the findings, how they were obtained, caveats for citing them.
     headline : str
         The main finding; the first one if empty.
     alarms : sequence of str
@@ -95,13 +96,13 @@ class View:
     keys : int
         Number of the table's first columns that tell its rows apart; 0: as few as do so.
     is_series : bool
-        Whether a data frame has the records, as they are a curve that the table sums up.
+        Whether a data frame has the records, because they are a curve that the table summarizes.
     dataset : callable or None
         Returns the xarray Dataset on the result's own axes.
     texts : callable or None
         Returns other files of the result: the ending of each file's name, with its text.
     page : callable or None
-        Returns the result's page of HTML, where that has sections of its own.
+        Returns the result's HTML page, if that has special sections.
     methods : mapping of str to Result
         Results whose densities a terminal sketches, by the name of their method.
     """
@@ -134,10 +135,10 @@ class View:
 
 
 class ResultBase(ABC):
-    """Base of all results: what follows from their view."""
+    """Base of all results: printing, tables and files from their view."""
 
     if TYPE_CHECKING:
-        # Of a dataclass it is a field, which must not find a default here.
+        # In a dataclass it is a field, which must not get a default here.
         @property
         def scene(self) -> Scene | None:
             """The scene of the result; None if it has many."""
@@ -211,7 +212,7 @@ class ResultBase(ABC):
         return self.view().data()
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`; an empty cell stands for a number that is not known.
+        """Write the rows of `data`; unknown numbers are empty cells.
 
         Raises
         ------
@@ -288,7 +289,7 @@ class ResultBase(ABC):
 
 
 def key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
-    """How many columns at the left tell the rows apart; one where none do."""
+    """Number of columns at the left that identify the rows; 1 if none do."""
     for count in range(1, columns):
         if len({tuple(row[:count]) for row in rows}) == len(rows):
             return count
@@ -313,7 +314,7 @@ def _number(cell):
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
-    """A table for people as one of values: a number's error gets a column of its own."""
+    """Convert a table for people to values: a number's error gets a separate column."""
     columns: dict[str, list[Any]] = {}
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]

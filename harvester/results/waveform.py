@@ -53,7 +53,7 @@ class Waveform(ResultBase):
     units : dict of str to str
         Units of each column.
     record : Record
-        The same points in scaled units, as engines hand them on.
+        The points in scaled units, as engines pass them on.
     """
 
     scene: Scene

@@ -1,1 +1,1 @@
-"""Scenes: what is simulated, from TOML to the prepared device with its steps and paths."""
+"""Scenes: the input of a simulation, from TOML to the prepared device with its steps and paths."""

@@ -1,4 +1,4 @@
-"""How public functions are called: the scene first, however it is named, options by keyword."""
+"""Calling convention of public functions: the scene first, options by keyword."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Answer = TypeVar("Answer")
 
 
 def scene_of(scene: SceneOrName) -> Scene:
-    """A scene as it is, or read from its file or by its built-in name.
+    """A scene unchanged, or read from its file or by its built-in name.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def scene_of(scene: SceneOrName) -> Scene:
 def _with_progress(
     name: str, accepted: Container[str], options: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
-    """The options of a call, in a notebook with a progress bar; `progress=False` leaves it out."""
+    """Options of a call; in a notebook with a progress bar, unless `progress=False`."""
     progress = options.get("progress")
     if progress is False:
         yield {**options, "progress": None}
@@ -75,7 +75,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
     """Check the options of a public function, and show its progress in a notebook.
 
     An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
-    checked by what the annotations say (`harvester.base.signatures`).
+    checked by the annotations (`harvester.base.signatures`).
     """
     name = function.__name__
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def device_line(scene: Scene) -> tuple[str, ...]:
     """One line on an SI scene's device at its stiffest rest position; none of other scenes.
 
-    Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
+    Frequency and quality factor belong to mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
     if scene.units != "SI" or scene.excitation.prescribes_displacement:
@@ -50,13 +50,13 @@ def device_line(scene: Scene) -> tuple[str, ...]:
 
 def _wells(scene):
     """Texts on the wells of a device that has several, and on the barriers out of them."""
-    ready = prepared(scene)
-    wells = sorted(timescales.wells(ready.system))
+    model = prepared(scene)
+    wells = sorted(timescales.wells(model.system))
     if len(wells) < 2:
         return []
-    length, energy = ready.scales.of("displacement"), ready.scales.of("energy")
+    length, energy = model.scales.of("displacement"), model.scales.of("energy")
     places = ", ".join(quantity(length * well, "m", 3) for well in wells)
-    barriers = [energy * timescales.barrier(ready.system, well) for well in wells]
+    barriers = [energy * timescales.barrier(model.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
     return [f"wells at {places}", f"barriers out of them {heights}"]
 

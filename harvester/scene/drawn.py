@@ -1,4 +1,4 @@
-"""A scene's drawing, [beam] and [magnets], as the lumped tables that stand for it."""
+"""A scene's drawing, [beam] and [magnets], as the equivalent lumped tables."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ DRAWN = {
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the lumped values computed from its drawing.
 
-    Raises SceneError if a key of the drawing is not usable, or a value that it gives is given
-    beside it.
+    Raises SceneError if a key of the drawing is not usable, or the scene also gives a value that
+    follows from it.
     """
     if "beam" not in tables:
         if "magnets" in tables:
-            raise SceneError(f"{origin}: [magnets] stand at a beam's tip and need the table [beam]")
+            raise SceneError(f"{origin}: [magnets] act on a beam's tip: add the table [beam]")
         return tables
     if tables.get("units") != SI:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
@@ -47,14 +47,14 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     }  # fmt: skip
     tables = dict(tables)
     for name, computed in (("oscillator", oscillator), ("piezo", piezo)):
-        given = tables.get(name, {})
+        table = tables.get(name, {})
         for key in DRAWN[name]:
-            if key in given:
+            if key in table:
                 raise SceneError(
-                    f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change "
+                    f"{origin}: {name}.{key} follows from [beam]: remove one of them, or change "
                     "the beam's own keys"
                 )
-        tables[name] = given | computed
+        tables[name] = table | computed
     return tables
 
 

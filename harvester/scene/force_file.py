@@ -19,7 +19,7 @@ TABLES = {
 
 
 def read_points_of(tables: dict[str, Any], origin: str) -> None:
-    """Put the points of files in the place of the files' names in a scene's tables.
+    """Replace the names of files in a scene's tables by their points.
 
     In `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
     that is named is written out.
@@ -43,14 +43,14 @@ def read_points_of(tables: dict[str, Any], origin: str) -> None:
 
 
 def _points(file, key, unit, scaled):
-    """The points of a file in SI units, and `unit` where a heading says that of densities."""
+    """The points of a file in SI units, and `unit` if a heading gives the unit of densities."""
     noun, quantities = TABLES[key]
     stated = (None, unit if key == "breakpoints" and unit != "scaled" else None)
     points, units = read_points(file, noun, quantities, stated, scaled)
     factors = [QUANTITIES[q][u] if u else 1.0 for q, u in zip(quantities, units, strict=True)]
     scene_unit = {}
     if key == "breakpoints" and units[1]:
-        # The scene keeps the densities in one of the units that it knows.
+        # The scene keeps the densities in one of its units.
         scene_unit = {"unit": unit or ("g^2/Hz" if "g^2" in units[1] else "(m/s^2)^2/Hz")}
         factors[1] /= QUANTITIES["density"][scene_unit["unit"]]
     return {key: (points * factors).tolist(), **scene_unit}

@@ -21,7 +21,7 @@ SUFFIXED = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})? ?([kKuUµμnNpPm]|[mM][eE][gG]
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a scene's TOML file.
 
-    It holds keys, types, ranges, words, alternatives and what depends on `units`, also of the parts
+    It holds keys, types, ranges, words, alternatives and conditions on `units`, also of the parts
     that installed packages add. Values that do not go together physically are refused by the
     program alone.
     """
@@ -51,12 +51,12 @@ def json_schema() -> dict[str, Any]:
 
 
 def _ending():
-    """Kinds of excitation that have an end of their own."""
+    """Kinds of excitation with a finite duration."""
     return [name for name, cls in KINDS.items() if cls.own_duration is not Excitation.own_duration]
 
 
 def _rules_of_scenes(units):
-    """What scenes with these units must and must not hold, with a drawing and without."""
+    """Required and forbidden keys of scenes with these units, with a drawing and without."""
     tables = {name: cls for name, cls in all_tables().items() if name != "excitation"}
     drawable = {"oscillator", *TRANSDUCERS}
     rules = {name: _rules(cls, units) for name, cls in tables.items()}
@@ -112,7 +112,7 @@ def _kind(name):
 
 
 def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, Any]:
-    """A table with these keys, none of which must be there."""
+    """A table with these keys, all of them optional."""
     properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
     return {
         "type": "object", "properties": {**properties, **more}, "additionalProperties": False

@@ -25,7 +25,7 @@ COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
 # Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
-# Overtones and combination tones are those of this number of lines, of the largest responses.
+# Number of lines, by largest response, whose overtones and combination tones count.
 MOST_COMBINED = 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a
@@ -37,8 +37,8 @@ NARROW = 0.01
 def line_frequency(ready: Prepared) -> float:
     """The frequency at which steps are to be exact (rad/s); 0 where there is no such.
 
-    That of the line to which the linear device answers most. Without lines that of a linear
-    device with so narrow a resonance that what it passes of noise is nearly a line.
+    Frequency of the line to which the linear device responds most. Without lines, of a linear
+    device with so narrow a resonance that its response to noise is nearly a line.
     """
     answers = _responses(ready)
     if answers:
@@ -124,7 +124,7 @@ def _responses(ready):
 def receptance(system: System, omega: Any) -> Any:
     """Displacement per acceleration at frequencies (rad/s), the load between short and open (s²).
 
-    Complex; real where nothing damps. Between both resonances it is that of a resonance.
+    Complex; real without damping. Between both resonances it is the value at a resonance.
     """
     # Frequencies of small oscillations about the stiffest well, without and with the transducer.
     stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))

@@ -1,4 +1,4 @@
-"""Scenes: what is simulated, read from TOML and checked before anything runs."""
+"""Scenes: the input of a simulation, read from TOML and checked before anything runs."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class Scene(Table):
         return self.from_tables(new, name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
-        """Nested dictionaries of the TOML file's form, without what is left out."""
+        """Nested dictionaries of the TOML file's form, without omitted keys."""
         return self._tables("sha256")
 
     def _tables(self, *without):
@@ -202,7 +202,7 @@ class Scene(Table):
         return TRANSDUCERS.name_of(type(self.transducer))
 
     def without_drawing(self) -> Scene:
-        """The scene with the lumped values of its drawing in place of the drawing."""
+        """The scene with the lumped values of its drawing instead of the drawing."""
         return dataclasses.replace(self, beam=None, magnets=None)
 
     def to_dict(self) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class Scene(Table):
             The load's netlist cannot be read.
         """
         if not isinstance(content, dict):
-            raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
+            raise SceneError(f"{shown(content)}: no scene: pass the return value of Scene.to_dict")
         tables = copy.deepcopy({k: v for k, v in content.items() if k not in ("name", "sha256")})
         # Without its digest a record is read again.
         for _, excitation in parts_of(tables.get("excitation")):
@@ -290,7 +290,7 @@ def _stiffness_at_rest(oscillator, key, instead, origin):
 
 
 def _lasting(run, excitation, origin):
-    """The run with the time that is left of a record after settling, if it has no duration."""
+    """The run with its duration; by default the record's remaining time after settling."""
     if run.duration is not None:
         return run
     length = excitation.own_duration
@@ -328,14 +328,14 @@ def _check_sampling(scene, origin):
     if frequency > highest:
         raise SceneError(
             f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which holds no more "
-            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: say what the time "
-            'column is in by excitation.time_unit ("ms", "us", … or "samples" with sampling_rate)'
-            ", or take a finer record"
+            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: give the unit of "
+            'the time column by excitation.time_unit ("ms", "us", … or "samples" with '
+            "sampling_rate), or take a finer record"
         )
 
 
 def _folders(folder):
-    """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
+    """Folders in which a load's netlist is searched: a scene may be copied to another folder."""
     if isinstance(folder, tuple):
         return folder
     current = str(Path.cwd())
@@ -343,7 +343,7 @@ def _folders(folder):
 
 
 def _with_circuit(load, folders, units, origin, changed):
-    """The load with its netlist: as a scene that is changed holds it, else read."""
+    """The load with its netlist, taken from the changed scene or read."""
     from circuits.netlist.subcircuits import find_netlist, read_load
 
     values = load.parameters or {}
@@ -362,7 +362,7 @@ def _with_circuit(load, folders, units, origin, changed):
 
 
 def _plain(part, without):
-    """A table as plain values, without some fields and what is computed or left out."""
+    """A table as plain values, without some fields and computed or omitted ones."""
     values, left_out = {}, {"circuit", *computed(part), *without}
     for entry in dataclasses.fields(part):
         name, value = entry.name, getattr(part, entry.name)

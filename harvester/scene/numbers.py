@@ -19,9 +19,9 @@ NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
-    """The numbers of a scene's device, load and excitation, without those of its run.
+    """The numbers of a scene's device, load and excitation, without the run's.
 
-    One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
+    One of several tables, or of a list of numbers, is named by its index, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
     """
     values: dict[str, Any] = {}
@@ -43,7 +43,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
 
 def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
-    """One of them, or a refusal with the nearest key.
+    """The number of a key; raises with the nearest valid key.
 
     Raises HarvesterError.
     """

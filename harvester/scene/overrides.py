@@ -40,7 +40,7 @@ def texts(overrides: Any) -> list[str]:
 
 
 def parsed(text: str) -> tuple[str, Any]:
-    """(key, value) of one override; None stands for "take it out"."""
+    """(key, value) of one override; None removes the table."""
     key, separator, value = text.partition("=")
     key, value = key.strip(), value.strip()
     if not separator or not key or not value:
@@ -74,7 +74,7 @@ def _with_digits(text):
 
 
 def _number(text):
-    """A number in a form that TOML does not know, such as 007 or 1.e3; other words as they are."""
+    """Read a number that TOML would refuse, such as 007 or 1.e3; return other words unchanged."""
     for kind in (int, float):
         try:
             number = kind(text)

@@ -1,4 +1,4 @@
-"""What a misplaced frequency costs under noise: the spectrum of the displacement, linearised."""
+"""Error by a shifted frequency under noise: the spectrum of the displacement, linearised."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Frequencies of the quadrature: over all, on each side of the resonance, and between two corners.
 OVERALL, ASIDE, BETWEEN = 1001, 201, 17
-# Where nothing knows the density, it is estimated from so many samples of a path, in segments of so
-# many periods of the resonance.
+# Without a formula the density is estimated from this number of samples of a path, in segments of
+# this number of periods of the resonance.
 MOST_SAMPLES, SEGMENT_PERIODS = 2**18, 64.0
 
 
@@ -53,7 +53,7 @@ def misplacement(ready: Prepared, spacing: float, order: int) -> float:
 
 
 def _spectrum(ready, spacing):
-    """Frequencies (Hz) up to that of the samples, and the excitation's density at them."""
+    """Frequencies (Hz) up to the sampling rate, and the excitation's density at them."""
     system, excitation, run = ready.system, ready.scene.excitation, ready.scene.run
     omega = timescales.angular_frequency(system)
     width = 0.5 * timescales.loss_rate(system, omega) * np.logspace(-1.0, 3.0, ASIDE)

@@ -1,4 +1,4 @@
-"""Where each realization starts, and the noise path that drives it: the same for every engine."""
+"""Start and noise path of each realization: the same for every engine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     """(X, X', transducer's state) in which a realization starts, scaled.
 
-    At rest in the wells in turn, beginning on the right, unless the scene says where; drawn over
+    At rest in successive wells, beginning on the right, unless the scene gives a start; drawn over
     the energy range where `run.starts` asks for it, the first at rest if its orbit is followed.
     """
     run = ready.scene.run
@@ -35,7 +35,7 @@ def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
 
 
 def distinct_realizations(ready: Prepared, wanted: int | None = None) -> int:
-    """How many of the wanted realizations differ: without chance as many as there are starts.
+    """Number of realizations that differ: with a deterministic excitation the number of starts.
 
     `wanted` is by default the scene's own number.
     """

@@ -46,7 +46,7 @@ class Prepared:
 
     @cached_property
     def network(self) -> Network:
-        """The transducer as elements, from its terminal to what moves it."""
+        """The transducer as elements, from its terminal to the mass."""
         rate = timescales.angular_frequency(self.system)
         return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 

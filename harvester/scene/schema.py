@@ -1,4 +1,4 @@
-"""The check that refuses what no scene may hold, and values that do not go together."""
+"""Checks of a scene: forbidden keys, and values that contradict each other."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _check_spring(oscillator, origin):
     smooth = oscillator.force_interpolation == "smooth"
     if not smooth and len(points) > MOST_PIECES + 1:
         raise SceneError(
-            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are taken as they are; "
+            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are used unsmoothed; "
             'set oscillator.force_interpolation = "smooth", or leave points out'
         )
     if smooth and len(points) <= POINTS_PER_PIECE:
@@ -102,7 +102,7 @@ def transducer_of(tables: Any) -> str:
 
 
 def _check_transducer(parts, origin):
-    """One transducer and no other; and what a start says of it."""
+    """Check that there is one transducer, and the transducer's part of a start."""
     present = [f"[{name}]" for name in TRANSDUCERS if name in parts]
     first, *others = (f"[{name}]" for name in TRANSDUCERS)
     if not present:
@@ -160,8 +160,8 @@ def _check_bounded(oscillator, stoppers, origin):
                 continue
             raise SceneError(
                 f"{origin}: oscillator.force_table ends on the {side} with a slope of {slope:.3g}, "
-                "and so it goes on beyond: the motion is unbounded there; go on until the force "
-                "leads back, put a stopper there, or say by oscillator.restoring_force_range that "
+                "and beyond: the motion is unbounded there; add points until the force leads back, "
+                "put a stopper there, or state by oscillator.restoring_force_range that "
                 "the mass stays within the table"
             )
         return
@@ -175,8 +175,8 @@ def _check_bounded(oscillator, stoppers, origin):
         raise SceneError(
             f"{origin}: oscillator.{value} leaves the motion unbounded on the {side}: the "
             "highest power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short "
-            f"form), a stopper with a greater exponent must stand on the {side}, or "
-            "oscillator.restoring_force_range must say between which displacements it is meant"
+            f"form), a stopper with a greater exponent must be on the {side}, or "
+            "oscillator.restoring_force_range must give the displacements between which it holds"
         )
 
 

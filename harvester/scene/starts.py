@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Starts are drawn up to this multiple of the amplitude at which the undamped device follows the
 # drive on its highest branch: a start beyond it falls back to that branch.
 BEYOND_HIGHEST_BRANCH = 1.3
-# That branch is searched at these amplitudes, in units of the outermost well's displacement (or 1).
+# Amplitudes at which that branch is searched, in units of the outermost well's displacement (or 1).
 AMPLITUDES = np.geomspace(1e-3, 1e3, 601)
 # Under noise or a record starts are drawn up to this energy, in units of the mean-square velocity.
 # The motion exceeds it for under 1 % of the time.

@@ -1,4 +1,4 @@
-"""What steps of Monte Carlo cost a steady motion under sines, of the linearised device."""
+"""Step error of Monte Carlo for a steady motion under sines, of the linearised device."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def steady_error(ready: Prepared, spacing: float, steps: int) -> float:
     """Largest relative error of a mean square of X, X' and the transducer's state under all lines.
 
-    Of small oscillations about the stiffest well, with a resistor as load. A step is linear in
+    For small oscillations about the stiffest well, with a resistor as load. A step is linear in
     (X, X', state, η, η'), so that its matrix gives the discrete steady motion at each line.
 
     `spacing`: between two samples of the excitation (s), which `steps` divide.

@@ -40,7 +40,7 @@ FREQUENCY_ERRORS = {
     "monte-carlo": (0.0404, 2),
     "circuit": (1.0 / 12.0, 2),
 }
-# Relative error of a load's power over that of the frequency. It was at most 4 behind bridges and
+# Relative error of a load's power over the frequency's. It was at most 4 with bridges and
 # doublers. In Monte Carlo SSHI cost 0.16 %, five times as much. In the circuit it cost up to 0.8 %
 # at 80 steps a period, and a twentieth of that at steps four times shorter.
 LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
@@ -56,12 +56,12 @@ FINER_NEAR_LINES = 3.0
 # Share of a power that default steps may cost by misplaced frequencies of noise and records. A band
 # at five to ten times the resonance cost the circuit 5 % at the steps of the resonance.
 NOISE_ERROR = 0.005
-# Below this share the error at the resonance itself stands for it.
+# Below this share the error at the resonance itself is used.
 NOTED_ERROR = 0.0005
 # A run that needs more than 6 s of processor time for less than a thousandth of its longest step is
 # given up: it would not end.
 PATIENCE, CRAWL = 6.0, 1e-3
-STALLED = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
+STALLED = f"it stalls: {PATIENCE:g} s of work went into less than a thousandth of a step"
 # A run whose load passes this voltage (V, or scaled) is given up: the load feeds energy in, and its
 # growth would take ever shorter steps.
 LARGEST_VOLTAGE = 1e9
@@ -172,7 +172,7 @@ def steps_per_sample(
 def step_error(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> float:
     """Share of a mean power that the steps may cost, from the methods' stability functions.
 
-    Of the linear device: what is left of the misplaced resonance on its flank, where the power
+    For the linear device: the remaining shift of the resonance on its flank, where the power
     changes most, and a few times the frequency's own error for what the load does in a period, its
     switches included. Contacts add their own.
 
@@ -202,7 +202,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
         period_error = max(period_error, misplaced)
     cost = flank + period_error
     if order == 4 and scene.excitation.lines and not scene.excitation.prescribes_displacement:
-        # Samples of the base's charge and a decay within a step have errors of their own.
+        # Samples of the base's charge and a decay within a step have separate errors.
         steps = steps_per_sample(ready, step, engine)
         cost = max(cost, steady_error(ready, knot_spacing(ready), steps))
     return cost
@@ -243,7 +243,7 @@ def _frequency_error(ready, engine):
 
 
 def _near_lines(ready, engine, longest):
-    """The longest step that places a resonance well enough where the excitation has lines."""
+    """Longest step that shifts a resonance little enough for an excitation with lines."""
     constant, order, left = _frequency_error(ready, engine)
     if left == 0.0:
         return longest

@@ -43,7 +43,7 @@ TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
 )
 # Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
 MOST_POINTS = 2000
-# Tables that may be left out, and those that may stand several times, with the largest number.
+# Optional tables, and tables that may be repeated, with their largest number.
 OPTIONAL, SEVERAL = ("beam", "magnets", "stoppers", "start"), {"stoppers": 16}
 
 
@@ -166,9 +166,9 @@ class Stopper(Table):
 
 @table
 class Start(Table):
-    """The state in which every realization starts, at rest in the wells in turn without it."""
+    """The state in which every realization starts; without it, at rest in successive wells."""
 
-    displacement: float | None = key("displacement: in the wells in turn unless given", "m", "l")
+    displacement: float | None = key("displacement; default: in successive wells", "m", "l")
     velocity: float = key("velocity", "m/s", "l/s", default=0.0)
     voltage: float = key("voltage: of a piezo", "V", "θ l/Cp", default=0.0)
 
@@ -177,7 +177,7 @@ class Start(Table):
 class Load(Table):
     """The load of the transducer: the built-in resistor, or a netlist.
 
-    `circuit` is what was read of the netlist (circuits.netlist.load_circuit.LoadCircuit).
+    `circuit`: the netlist that was read (circuits.netlist.load_circuit.LoadCircuit).
     """
 
     kind: str | None = word("kind: of the built-in load", ("resistor",))

@@ -1,6 +1,6 @@
 """The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units.
 
-A scene, its oscillator and its stoppers are those of `harvester.scene.model`, which imports this
+`Scene`, its oscillator and its stoppers are defined in `harvester.scene.model`, which imports this
 module.
 """
 
@@ -36,7 +36,7 @@ UNSCALED = ("rate", "hourly_rate", "time", "stress")
 class Scales:
     """One scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
 
-    displacement l, voltage that of the transducer, power M l² (s⁻³); acceleration and velocity go
+    displacement l, voltage the transducer's unit, power M l² (s⁻³); acceleration and velocity scale
     with l, energy with power.
     """
 
@@ -84,7 +84,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
             "position in it"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    # The noise is that of the excitation, or the equivalent one, on the mass.
+    # The noise is the excitation's, or the equivalent one, on the mass.
     intensity, time = scene.excitation.equivalent_noise(
         timescales.relaxation_time(system), longest_spacing(system)
     )
@@ -99,7 +99,7 @@ def excitation_unit(scene: Any, length: float) -> float:
 
 
 def restoring_spring(oscillator: Any, mass: float = 1.0, length: float = 1.0) -> Spring:
-    """The spring of a scene per mass and length unit; by itself in the scene's own units."""
+    """The spring of a scene per mass and length unit; by default in the scene's units."""
     spring: Any
     if oscillator.force_table is not None:
         points = [(x / length, force / (mass * length)) for x, force in oscillator.force_table]

@@ -1,4 +1,4 @@
-"""The one rule by which two estimates agree: of comparisons, cross-checks and verdicts."""
+"""Rule of agreement of two estimates, for comparisons, cross-checks and verdicts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
 
 A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
-samples are the same cycle are on one attractor, whatever their place in it. Motions that do not
+samples are the same cycle are on one attractor, whatever their phase. Motions that do not
 repeat are distinguished by where they go: two starts are on one attractor where their samples fill
 the same cells of the section.
 """
@@ -22,7 +22,7 @@ from harvester.statistics.stroboscope import STATE
 LONGEST_PERIOD, SEEN = 24, 2.0
 # A motion repeats if its samples differ by at most the first share of their greatest, and two
 # cycles are the same if they differ by at most the second: starts that still settle lie apart by
-# several times what they change in a period.
+# several times their change in a period.
 REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
 # spiral that turns by a third of a circle a period nearly repeats after three.
@@ -47,7 +47,7 @@ LONGEST_IN_NOISE, CORRELATED = 6, 0.95
 # Motions without a period are compared on a grid of cells over the section, with CELLS √samples
 # cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
 # starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
-# or beside cells that the other fills.
+# or next to cells that the other fills.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 
@@ -58,7 +58,7 @@ class Group:
     Attributes
     ----------
     period
-        In forcing periods; None of a motion that does not repeat itself.
+        Period in forcing periods; None if the motion does not repeat itself.
     members
         Numbers of the starts, ascending.
     points
@@ -102,10 +102,10 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
 
 
 def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each start's period, and how far it still is from the cycle that it comes to.
+    """Each start's period, and its remaining distance from the cycle that it approaches.
 
     Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
-    A slow store may hide behind a fast decay, so that its whole memory counts.
+    A fast decay may mask a slow store, so that its whole memory counts.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def means_of(
 ) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
-    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
-    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+    For a periodic motion the means are over its last whole cycles, and the errors include the rest
+    of the transient. Else both are taken over all samples; NaN if these are too few for an error.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _change(samples, period, scale):
 def sizes_of(samples: np.ndarray) -> np.ndarray:
     """Greatest |X|, |X'| and |state| of all samples, 1 where all are 0; shape (3,)."""
     greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
-    # A variable that is zero but for rounding has no size of its own.
+    # A variable that is zero but for rounding has no scale.
     return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
 
 
@@ -308,7 +308,7 @@ def _wanderers(samples, members):
 
 
 def _united(filled, groups):
-    """Groups, after those whose cells mostly belong to another group are joined to it."""
+    """Groups, merged if the cells of one mostly belong to another."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
     separate: list[int] = []
     for k in order:
@@ -345,7 +345,7 @@ def _wandering(samples, members, places):
 
 @dataclass(frozen=True)
 class Divergence:
-    """The largest Lyapunov exponent (1/s) and its error, from how fast neighbours part."""
+    """Largest Lyapunov exponent (1/s) and its error, from the divergence of neighbours."""
 
     exponent: float
     standard_error: float

@@ -13,7 +13,7 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.moments import QUANTITIES, Moments
 
 STATE = Record._fields.index("transducer_state")
-# Below this share of what goes in or out the energy that the device itself stores is negligible.
+# Share of the energy input or output below which the device's stored energy is negligible.
 NEGLIGIBLE = 1e-3
 
 
@@ -21,7 +21,7 @@ def energy_balance_residual(moments: Sequence[Moments], parameters: System) -> f
     """Energy input that is neither stored, lost nor delivered, as a share of the energy that flows.
 
     ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
-    realizations, divided by the larger of what went in and what came out (Eq. 33).
+    realizations, divided by the larger of energy input and output (Eq. 33).
     """
     put_in, out, stored = _energies(moments, parameters)
     scale = max(abs(put_in), out)
@@ -43,7 +43,7 @@ def device_storage(
     if batches is None or abs(stored) <= NEGLIGIBLE * max(abs(put_in), out):
         return {}
     series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
-    # A batch has no energies at its ends. It stores what does not leave it, less the residual.
+    # A batch has no energies at its ends. Its stored energy is input less output less residual.
     residual = (put_in - out - stored) / sum(m.integrals[:, 0].sum() for m in moments)
     change = series["input_power"] - series["load_power"] - series["loss_power"]
     change = change - residual * series["time"]

@@ -1,9 +1,9 @@
 """Standard errors of means and ratios from correlated batches.
 
 Batches in time, pooled over realizations, are joined in pairs until neighbours are nearly
-uncorrelated, and what correlation is left is added to the variance (Flyvbjerg and Petersen,
+uncorrelated, and the remaining correlation is added to the variance (Flyvbjerg and Petersen,
 J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method).
-Where too few batches are left, there is no error bar.
+If too few batches are left, there is no error bar.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ FEWEST_TO_JOIN = 64
 # A standard error of fewer effective batches covers too little: at seven, which ten correlation
 # times give, a mean of squares lies within 1.96 standard errors in 94 % of runs.
 FEWEST_EFFECTIVE = 7.0
-# Standard errors are raised by this over the effective batches: few batches know their scatter
+# Standard errors are raised by this over the effective batches: few batches estimate their scatter
 # badly, and a mean of squares that is too low comes with too low a scatter. Means of squares of
 # Gaussian noise are then covered in 93 to 96 % from ten correlation times on, 88 to 92 % without.
 RAISED = 2.5
 # Neighbours correlated by c become nearly uncorrelated if they are the first over −ln c times as
 # long: of sequences that forget within 3 and 8 batches, 94 and 87 % then have an error bar. A
-# correlation above the second tells no time.
+# correlation above the second determines no time.
 LENGTHS_TO_FORGET, LARGEST_LEFT = 2.5, 0.98
 # Least number of batches, and largest number of groups of the histograms, of all realizations.
 TOTAL_BATCHES = 256
@@ -100,7 +100,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
                 factor = 1.0 + 2.0 * (max(neighbours, -0.5) + chance)
             variance = min(factor, 1.0) * total / series.size
             error = _raised(variance, series.size / max(factor, 1.0))
-            # Neighbours that take back what went before, as rates of change do, scatter less in
+            # Neighbours that cancel their predecessors, as rates of change do, scatter less in
             # longer batches.
             if neighbours >= -LARGEST_CORRELATION or series.size < FEWEST_TO_JOIN:
                 return error
@@ -109,9 +109,9 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
 
 
 def _implied(memory, batches):
-    """Variance of the mean over that of independent batches, and correlation of neighbours.
+    """Variance of the mean relative to independent batches, and correlation of neighbours.
 
-    Of an exponential autocorrelation with this time, in batches.
+    For an exponential autocorrelation with this time, in batches.
     """
     if memory <= 0.0 or batches == 1:
         return 1.0, 0.0
@@ -277,7 +277,7 @@ def ratio_of_sums(
     ratio = float(upper.sum() / lower.sum())
     deviations = (upper - ratio * lower) / lower.mean()
     error = error_of(deviations)
-    # What is the same in every batch needs no number of independent ones.
+    # A value that is the same in every batch needs no number of independent ones.
     if error is None and deviations.size >= FEWEST_BATCHES and constant(ratio, deviations):
         error = float(np.ptp(deviations))
     # If the ratio is the same in every batch, its scatter is rounding.
@@ -306,7 +306,7 @@ def ratio_estimate(
         Why there is no ratio where `lower` is 0.
     squares : ndarray, optional
         Time integrals of the square of what `upper` integrates over the time `lower`: its variance
-        tells the effective sample size.
+        determines the effective sample size.
     error_of : callable
         See `harvester.statistics.run_quantities.estimate_all`.
     """
@@ -320,9 +320,9 @@ def ratio_estimate(
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
-    """How many independent samples with this mean and mean square would give it this error.
+    """Number of independent samples with this mean and mean square that would give this error.
 
-    None of what is constant: its variance is rounding.
+    None for a constant: its variance is rounding.
     """
     if not error or constant(mean, error):
         return None
@@ -330,5 +330,5 @@ def independent_samples(mean: float, mean_square: float, error: float | None) ->
 
 
 def independent_events(rate: float, error: float | None) -> float | None:
-    """How many events at random times would give a rate this error."""
+    """Number of independent events that would give a rate this error."""
     return (rate / error) ** 2 if error else None

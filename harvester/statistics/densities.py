@@ -25,7 +25,7 @@ def densities(
     symmetric : bool
         Whether −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each value counts
         half for its mirror image: a run that spent its time in one well would else give one well's
-        density, with an error bar that knows nothing of the other.
+        density, with an error bar that ignores the other.
     balance : WellBalance or None
         Balance by whose weights the moments are weighted; there are no error bars if it has none.
     drawn : bool

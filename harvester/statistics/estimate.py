@@ -14,18 +14,18 @@ from harvester.base.formatting import with_error
 from harvester.base.numbers import is_real
 from harvester.base.serialising import LEFT_OUT, plain
 
-NONE_SEEN = "none seen: no error bar tells how rare they are"
+NONE_SEEN = "none seen: no error bar for their rate"
 NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
-NO_VALUE = "no number: what is averaged has no finite value at some time of the run"
-# Newton's iterations, behind a rectifier in ngspice, resolve this share of an output voltage.
+NO_VALUE = "no number: the averaged quantity is not finite at some time of the run"
+# Newton's iterations, after a rectifier in ngspice, resolve this share of an output voltage.
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
-ROUNDED_OFF = "below what the solver resolves of the load's powers"
+ROUNDED_OFF = "below the solver's resolution of the load's powers"
 NO_OUTPUT = "no resistor lies across the output, and no measure is one"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
-# These reasons say more about a value than that the run is too short.
+# These reasons take precedence over a run that is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
 # Names of the two attributes in other libraries.
 OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")
@@ -34,15 +34,15 @@ _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """A mean with its evidence, in scaled units or in those of `dimension`'s scale.
+    """A mean with its evidence, in scaled units or in units of `dimension`'s scale.
 
     Attributes
     ----------
     standard_error : None when the run is too short for one.
     effective_sample_size
         Independent samples, of a rate independent events, that would give this
-        error; None where the variance of what is averaged is not kept: ratios of a load's powers,
-        what changes.
+        error; None if the variance of the averaged quantity is not stored: ratios of a load's
+        powers, rates of change.
     dimension : "voltage^2", "power", "1", "rate", …
     note
         Why there is no error bar; empty otherwise.

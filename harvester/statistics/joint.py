@@ -22,7 +22,7 @@ class JointHistogram:
     start, interval
         Begin of the measured time, and time between samples (s).
     counts
-        By displacement (rows) and velocity (columns), shape (BINS, BINS).
+        Counts by displacement (rows) and velocity (columns), shape (BINS, BINS).
     bin_widths
         Powers of two, doubled whenever a value falls outside.
     latest
@@ -79,7 +79,7 @@ def _place(value, axis, counts, widths):
 
 @compiled
 def _double(counts):
-    """Merge rows in pairs about the middle, in place."""
+    """Merge rows in pairs about the middle, in the array itself."""
     half = BINS // 2
     for k in range(half // 2):
         counts[half + k] = counts[half + 2 * k] + counts[half + 2 * k + 1]

@@ -17,7 +17,7 @@ BINS, MATTERS = 90, 1e-3
 
 @dataclass(frozen=True)
 class JointDensity:
-    """p(X, X') at evenly spaced places, in scaled units.
+    """p(X, X') at evenly spaced points, in scaled units.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class JointDensity:
     standard_error: np.ndarray | None
 
     def on(self, other: JointDensity) -> np.ndarray:
-        """This density at the places of another one, linear between its own; 0 beyond."""
+        """This density at the points of another one, linear between its own; 0 beyond."""
         from scipy.interpolate import RegularGridInterpolator
 
         places = np.meshgrid(other.displacement, other.velocity, indexing="ij")
@@ -44,7 +44,7 @@ class JointDensity:
         return within(np.stack(places, axis=-1))
 
     def distance(self, other: JointDensity) -> tuple[float, float]:
-        """∬|p − p'| dX dX' from another density, on the places of this one.
+        """∬|p − p'| dX dX' from another density, on the points of this one.
 
         Also the distance expected by chance from this density's standard errors; nan without them.
         """
@@ -106,7 +106,7 @@ def _bins_to_merge(counts):
 
 
 def _merged(counts, factors):
-    """Counts with so many bins of each axis taken together, about the middle."""
+    """Counts with a number of bins of each axis merged, about the middle."""
     for axis, factor in enumerate(factors):
         spare = -(counts.shape[axis] // 2) % factor
         wide = np.pad(counts, [(spare, spare) if k == axis else (0, 0) for k in range(2)])

@@ -18,7 +18,7 @@ TABULATED = 2049
 
 @dataclass
 class Jumps:
-    """Where one realization was, and how often it jumped; see `harvester.device.cores`.
+    """Time in wells, and number of jumps, of one realization; see `harvester.device.cores`.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Jumps:
     well
         The last one reached; −1 before the first.
     time
-        Of the latest point (s).
+        Time of the latest point (s).
     """
 
     start: float
@@ -56,7 +56,7 @@ class Jumps:
 
     @classmethod
     def empty(cls, system: System, start: float, batch_length: float, batches: int) -> Jumps:
-        """Nothing counted yet of a device with several wells."""
+        """Empty counts for a device with several wells."""
         ends, wells = cores_within(system), len(timescales.wells(system))
         return cls(
             start=start,
@@ -71,7 +71,7 @@ class Jumps:
 
     @classmethod
     def between_no_wells(cls, batches: int) -> Jumps:
-        """The jumps of a device with one well, which has none."""
+        """Empty counts for a device with one well."""
         nothing = np.zeros(0)
         ends, times = (0.0, 0.0), np.zeros((batches + 1, 0))
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
@@ -124,7 +124,7 @@ def add_jumps(
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
-        # The mass is beside the well that it reached last. Is it in the core of the well that lies
+        # The mass is outside the well that it reached last. Is it in the core of the well that lies
         # here?
         nearest = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])

@@ -1,6 +1,6 @@
 """Quantities from a load file's `* measure:` lines: losses of stages, states, events.
 
-Shares are of the mechanical input, so that those of all losses, outputs and stores, with what the
+Shares are relative to the mechanical input, so that all losses, outputs and stores, with what the
 device itself loses, add up to 1.
 """
 
@@ -24,9 +24,9 @@ from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.output_moments import MEASURED
 
 SECONDS_PER_HOUR = 3600.0
-# Up to so many events, the error of their number is that of independent events.
+# Up to this number of events, the error of their number assumes independent events.
 FEW_EVENTS = 10
-UNCHANGED = "it never changed: no error bar tells how rare that is"
+UNCHANGED = "it never changed: no error bar for the rate of changes"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 
@@ -37,7 +37,7 @@ def estimate_measures(
 ) -> dict[str, Estimate]:
     """Quantities of the measures of a load with an output, scaled.
 
-    Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
+    For a loss `NAME_loss` and `NAME_loss_share`, for an output `NAME_power` and `NAME_power_share`,
     of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
     run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
     `NAME_energy`, each time that it holds. `error_of_change` is for stores.
@@ -134,7 +134,7 @@ def _time(batches):
 
 
 def _hourly(events, time):
-    """Events per hour; of few ones, the error is that of a number of independent ones."""
+    """Events per hour; for few events the error assumes that they are independent."""
     estimate = ratio_estimate(events, time / SECONDS_PER_HOUR, "hourly_rate")
     count, error = float(events.sum()), estimate.standard_error
     if count < FEW_EVENTS:

@@ -31,7 +31,7 @@ QUANTITIES = (
     "impacts",
     "transducer_loss",
 )
-# The rows behind them are the times in each well, from the left, if the wells are not mirror
+# The rows after them are the times in each well, from the left, if the wells are not mirror
 # images.
 WELLS = len(QUANTITIES)
 # Rows of `Moments.products`: time integrals of products, for variances within a run.
@@ -79,17 +79,17 @@ class Moments:
     points
         Accepted points, those before `start` included.
     output
-        Moments of the load's output side and of what its stores hold, where it has them.
+        Moments of the load's output side and of its stores, if it has them.
     jumps
         Between wells, where there are several.
     strain
-        Of the layers, for a scene with a drawing; `StrainWatch` adds to it.
+        Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
     step
         Longest step (s), where the run chose it; None: the engine's.
     step_error
         Relative change of the energies from a run with steps twice as long, if made.
     note
-        What the run changed to converge, or could not find out; may be empty.
+        Changes that made the run converge, or open questions; may be empty.
     spread
         Relative standard error of the energies among runs whose excitation differs by what the
         steps may cost, of one nonlinear device under one record; 0 where none were made.
@@ -132,9 +132,9 @@ class Moments:
         groups: int,
         sample_interval: float,
     ) -> Moments:
-        """Nothing accumulated yet, for the time from `start` to `stop` (s).
+        """Empty moments for the time from `start` to `stop` (s).
 
-        `shares` says whether the time in each well is wanted.
+        `shares`: whether to store the time in each well.
         """
         saddles = np.sort(np.asarray(saddles, dtype=float))
         rows = WELLS + (len(saddles) + 1 if shares else 0)
@@ -354,7 +354,7 @@ def count_sample(
     half = BINS // 2
     into = np.floor(value / widths[k])
     while into >= half or into < -half:
-        # No group behind this one has a sample yet.
+        # No group after this one has a sample yet.
         _double_bins(histograms, group, k)
         widths[k] *= 2.0
         into = np.floor(value / widths[k])

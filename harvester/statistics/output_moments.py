@@ -42,23 +42,23 @@ class OutputMoments:
         Powers, energies and conditions, scaled; levels in V and A, without rises and falls;
         shape (batches, len(rows), len(MEASURED)).
     stored
-        Of the energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
+        Energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
     first
-        When each measure was first above 0, settling included (s); nan: never, or a level.
+        Time at which each measure was first above 0, settling included (s); NaN: never, or a level.
     latest
         Values of these rows at the latest point.
     passages
-        When the voltage's size first reached each of LEVELS, as `first`; nan: never.
+        Time at which |voltage| first reached each of LEVELS, as `first`; NaN: never.
     lowest, highest
         Extremes of the voltage in the measured time.
     reference
         The voltage when the measured time begins, from which the deviations in `integrals` are
-        counted: those of a steady voltage would be rounding in its squares.
+        counted: the integrals of a steady voltage would be lost in the rounding of its squares.
     conductance
         Sum over the resistors across the output, scaled: power is conductance voltage². nan before
         the run's end.
     time, voltage, energy
-        Of the latest point.
+        Values at the latest point.
     has_output
         Whether the load has an output; else its levels alone are meant.
     """
@@ -85,7 +85,7 @@ class OutputMoments:
     def beside(
         cls, moments: Any, rows: tuple[tuple[str, str], ...] = (), has_output: bool = True
     ) -> OutputMoments:
-        """Nothing accumulated yet, in the batches of these `Moments`."""
+        """Empty moments in the batches of these `Moments`."""
         batches = len(moments.integrals)
         return cls(
             moments.start,
@@ -115,9 +115,9 @@ class OutputMoments:
         values : ndarray, shape (measures, n), or None
             Values of the load's measures, where it has any.
         levels : sequence of ndarray, shape (n,), or None
-            Values of the rows behind the measures (V and A); None is 0.
+            Values of the rows after the measures (V and A); None is 0.
         energy : ndarray, shape (n, n), or None
-            What the load stores (scaled), as a quadratic form of the first n levels.
+            Energy stored in the load (scaled), as a quadratic form of the first n levels.
         """
         if time.size == 0:
             return
@@ -168,7 +168,7 @@ class OutputMoments:
 
 @compiled
 def _add_passages(time, voltage, levels, reached, passages):
-    """Enter when the voltage's size first reached each level from the given one on."""
+    """Record when |voltage| first reached each level, from the given one on."""
     for i in range(time.size):
         while reached < levels.size and abs(voltage[i]) >= levels[reached]:
             passages[reached] = time[i]
@@ -208,7 +208,7 @@ def _batch_of(before, after, start, batch_length, batches):
 
 @compiled
 def _spans(time, before, start, batch_length, batches):
-    """The measured intervals by their batches: the first, the one behind the last, and the batch.
+    """The measured intervals by their batches: the first, the end, and the batch.
 
     An interval bears the number of the point at its end.
     """

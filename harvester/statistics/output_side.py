@@ -44,12 +44,12 @@ from harvester.statistics.passivity import SUPPLIED
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
-# What the output takes where sources of the load supply a part of it.
+# Power that the output takes, if sources of the load supply a part of it.
 USED = "mean_power_used_at_output"
 # Stretches of the measured time whose mean voltages are in order if the output ramps.
 RAMP_STRETCHES = 8
 ONE_VALUE_NOTE = "one value a realization: no error bar"
-# A source of the load that delivers a smaller share of what is harvested is left in it: the steps
+# A source of the load that delivers a smaller share of the harvested power is kept in it: the steps
 # may cost as much.
 LEAST_SUPPLY = 1e-3
 # Below this share of the load's power nothing arrives. At 1e-8 the engines still agree to 12 %.
@@ -75,13 +75,13 @@ def estimate_output(
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
-    The output uses what its resistors take and what the load's file measures as an output.
+    The output's power is dissipated in its resistors, or measured as an output by the load's file.
     `mean_output_power` is that power less what the load's sources deliver, `supplied_by_NAME` each;
-    where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
+    if there are any, `mean_power_used_at_output` is given too. The harvested power is the output
     power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
-    power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
-    `estimate_measures` are included. `error_of_change` is for the rates at which stores fill, by
-    default `error_of`.
+    power leaving the piezo, `end_to_end_efficiency` its share of the mechanical input. The
+    quantities of `estimate_measures` are included. `error_of_change` is for the rates at which
+    stores fill, by default `error_of`.
     """
     error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
@@ -90,19 +90,21 @@ def estimate_output(
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     sources, squares, estimates = supplied(moments), _squares(moments, output), {}
-    used, stored = _used_and_stored(moments, output)
+    used_energy, stored = _used_and_stored(moments, output)
     if sources:
         square = squares.pop("mean_output_power", None)
-        estimates[USED] = ratio_estimate(used, time, "power", squares=square, error_of=error_of)
+        estimates[USED] = ratio_estimate(
+            used_energy, time, "power", squares=square, error_of=error_of
+        )
     for name, energy in sources.items():
         estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
-    # The final mean is that of the last half of the measured time. The load starts discharged, so
-    # that its start-up counts from the realization's beginning, settling included.
+    # The final mean is taken over the last half of the measured time. The load starts discharged,
+    # so that its start-up counts from the realization's beginning, settling included.
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
-    given = batches[:, :, PIEZO_QUANTITIES.index("load_power")]
-    least_resolved = _least_resolved(used, sources, given, stored)
+    load_energy = batches[:, :, PIEZO_QUANTITIES.index("load_power")]
+    least_resolved = _least_resolved(used_energy, sources, load_energy, stored)
     for name, (upper, lower) in output_ratios(moments).items():
         estimate = ratio_estimate(
             upper, lower, RATIOS[name], NOTHING_PUT_IN, squares.get(name), error_of
@@ -125,7 +127,7 @@ def estimate_output(
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
     storage = estimates["mean_storage_power"]
-    # The error of an hour includes that of its path; the measured time has this path.
+    # The error of an hour includes the error of its path; the measured time has this path.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
@@ -133,18 +135,18 @@ def estimate_output(
     return estimates | estimate_measures(moments, error_of, error_of_change)
 
 
-def _least_resolved(used, sources, given, stored):
+def _least_resolved(used, sources, load_energy, stored):
     """By quantity, the energy below which a difference or a share of energies is rounding."""
-    given, stored = abs(float(given.sum())), abs(float(stored.sum()))
+    load_energy, stored = abs(float(load_energy.sum())), abs(float(stored.sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *sources.values()))
     sums = {
         "mean_output_power": exchanged,
-        "mean_storage_power": exchanged + given,
-        "mean_converter_loss": exchanged + given + stored,
+        "mean_storage_power": exchanged + load_energy,
+        "mean_converter_loss": exchanged + load_energy + stored,
         "converter_efficiency": exchanged + stored,
         "end_to_end_efficiency": exchanged + stored,
     }
-    least = LEAST_SHARE * given
+    least = LEAST_SHARE * load_energy
     return {name: max(RESOLVED_SHARE * energy, least) for name, energy in sums.items()}
 
 
@@ -179,16 +181,16 @@ def _per_hour(storage, stored, time):
 def _stored_energies(moments, time, error_of):
     """Mean and final energy of the load's stores; empty without any.
 
-    A battery counts by what it has taken since the start of the measured time.
+    A battery counts with its charge since the start of the measured time.
     """
     series = np.stack([m.output.stored[: time.shape[1]] for m in moments])
-    taken = _taken_by_batteries(moments, time)
-    if not series[:, :, INTEGRAL].any() and not taken.any():
+    charged = _taken_by_batteries(moments, time)
+    if not series[:, :, INTEGRAL].any() and not charged.any():
         return {}
-    # Within a batch half of what a battery takes has arrived on average.
-    energy = series[:, :, INTEGRAL] + (np.cumsum(taken, axis=1) - 0.5 * taken) * time
-    squares = None if taken.any() else series[:, :, SQUARE]
-    final = [m.output.energy + into.sum() for m, into in zip(moments, taken, strict=True)]
+    # Within a batch half of a battery's charge has arrived on average.
+    energy = series[:, :, INTEGRAL] + (np.cumsum(charged, axis=1) - 0.5 * charged) * time
+    squares = None if charged.any() else series[:, :, SQUARE]
+    final = [m.output.energy + into.sum() for m, into in zip(moments, charged, strict=True)]
     return {
         "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),
         "final_stored_energy": _single(final, "energy"),
@@ -209,21 +211,21 @@ def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> 
     if "mean_converter_loss" not in estimates:
         return {}
     sizes = {name: abs(estimate.estimate) for name, estimate in estimates.items()}
-    given, put_in = sizes["mean_power"], sizes["mean_input_power"]
+    load_power, put_in = sizes["mean_power"], sizes["mean_input_power"]
     supplies = [size for name, size in sizes.items() if name.startswith(SUPPLIED)]
     output = math.hypot(sizes.get(USED, sizes["mean_output_power"]), *supplies)
     harvested = math.hypot(output, sizes["mean_storage_power"])
     losses = [m.name for m in measures if m.kind == LOSS and m.trees[0][0] == "-"]
     return {
         "mean_output_power": output,
-        "mean_storage_power": max(given, output),
-        **{f"{m.name}_storage_power": max(given, output) for m in measures if m.kind == STORE},
-        "stored_energy_per_hour": SECONDS_PER_HOUR * max(given, output),
-        "mean_converter_loss": math.hypot(given, harvested),
-        "converter_efficiency": harvested / given if given else 0.0,
+        "mean_storage_power": max(load_power, output),
+        **{f"{m.name}_storage_power": max(load_power, output) for m in measures if m.kind == STORE},
+        "stored_energy_per_hour": SECONDS_PER_HOUR * max(load_power, output),
+        "mean_converter_loss": math.hypot(load_power, harvested),
+        "converter_efficiency": harvested / load_power if load_power else 0.0,
         "end_to_end_efficiency": harvested / put_in if put_in else 0.0,
-        **{f"{name}_loss": given for name in losses},
-        **{f"{name}_loss_share": given / put_in if put_in else 0.0 for name in losses},
+        **{f"{name}_loss": load_power for name in losses},
+        **{f"{name}_loss_share": load_power / put_in if put_in else 0.0 for name in losses},
     }
 
 
@@ -279,7 +281,7 @@ def _sources(moments):
 
 
 def _used_and_stored(moments, output):
-    """Energy given to what the load is for, sources' energy included, and energy stored."""
+    """Energy delivered to the outputs, sources' energy included, and energy stored."""
     consumed = moments[0].output.conductance * output["square_voltage"]
     stored = np.stack([m.output.stored[: consumed.shape[1], CHANGE] for m in moments])
     consumed = consumed + sum(series for kind, _, series in _sources(moments) if kind == OUTPUT)
@@ -288,11 +290,11 @@ def _used_and_stored(moments, output):
 
 def _taken_by_batteries(moments, like):
     """Energy that batteries store, batch by batch; 0 of those that deliver."""
-    taken = np.zeros_like(like)
+    charged = np.zeros_like(like)
     for kind, _, series in _sources(moments):
         if kind == BATTERY and series.sum() > 0.0:
-            taken = taken + series
-    return taken
+            charged = charged + series
+    return charged
 
 
 def _squares(moments, output):
@@ -329,8 +331,8 @@ def _ripple(moments, output, time, error_of):
 
 
 def _start_up(times, moments, final):
-    """When the output started, with a note if it has not by the end of the run."""
-    # What starts within a knot of the excitation does not start by what is harvested.
+    """Start-up time of the output, with a note if it has not started by the end of the run."""
+    # An output that starts within a knot of the excitation is not started by harvested energy.
     knot = moments[0].sample_interval / KNOTS_PER_HISTOGRAM_SAMPLE
     if all(time <= knot for time in times):
         return Estimate(0.0, None, None, "time", STARTS_CHARGED)
@@ -360,7 +362,7 @@ def output_ramp(moments: Sequence[Any]) -> tuple[float, float] | None:
 
 
 def _single(values, dimension="voltage"):
-    """Mean over realizations of what each gives once."""
+    """Mean over realizations of a quantity with one value per realization."""
     mean = float(np.mean(values))
     if len(values) < FEWEST_BATCHES:
         return Estimate(mean, None, None, dimension, ONE_VALUE_NOTE)

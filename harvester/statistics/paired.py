@@ -26,8 +26,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
-    error is often far below that of either mean. Where paths part, nothing cancels and the error
-    is that of independent means: it is the scatter of the difference itself. Where wells differ,
+    error is often far below the error of either mean. If paths part, nothing cancels and the error
+    equals that for independent means: it is the scatter of the difference itself. If wells differ,
     the means are those that the rates of jumps keep in balance, and the error holds the rates'.
 
     Parameters
@@ -73,10 +73,10 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
 
 def _error(ratio, pairs, balances):
-    """Standard error of the ratio of two estimates, with what jumps add to each.
+    """Standard error of the ratio of two estimates, including the jumps' part of each.
 
     Each is a ratio of sums over batches, linearised. Where both went through the same wells in
-    every batch, what jumps add is common to both.
+    every batch, the jumps' part is common to both.
     """
     shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances
@@ -93,8 +93,8 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
     Combinations of several results on common noise get their error from the same combination of
-    these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
-    estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
+    these: its `standard_error` accounts for the noise that the results share. The mean is 0, the
+    unit the estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

@@ -9,7 +9,7 @@ from circuits.netlist.supplies import unbooked
 from harvester.base.formatting import quantity
 from harvester.statistics.estimate import Estimate
 
-# Beginning of the names of quantities that say what a source of the load delivers.
+# Beginning of the names of quantities for the power from a source of the load.
 SUPPLIED = "supplied_by_"
 # If a load gives out more than it takes, by less than this share of its power, the steps may be the
 # cause.
@@ -30,7 +30,7 @@ DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
 
 
 def fed_by_stores(estimates: dict[str, Estimate]) -> str:
-    """Say what share of the output power comes from the load's stores; empty where none does.
+    """Sentence on the share of output power from the load's stores; empty if there is none.
 
     Capacitors whose value is an expression are not followed. An output that takes more than leaves
     the device shows them.
@@ -38,14 +38,14 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
     names = ("mean_power", "mean_output_power", "mean_storage_power")
     if not all(name in estimates for name in names):
         return ""
-    given, output, stored = (estimates[name] for name in names)
+    load, output, stored = (estimates[name] for name in names)
     drawn, power = -stored.estimate, output.estimate
     if not power > 0.0:
         return ""
     if drawn > MOST_DRAWN * power or drawn > max(DRAWN_SHARE * power, stored.standard_error or 0.0):
         share, origin = min(drawn / power, 1.0), "the load's stores"
-    elif power > (1.0 + DRAWN_SHARE) * given.estimate:
-        share, origin = 1.0 - max(given.estimate, 0.0) / power, "within the load"
+    elif power > (1.0 + DRAWN_SHARE) * load.estimate:
+        share, origin = 1.0 - max(load.estimate, 0.0) / power, "within the load"
     else:
         return ""
     return f"{share:.2g} of the output power comes from {origin}, not from the device"
@@ -63,7 +63,7 @@ def efficiency_notes(
 ) -> tuple[str, ...]:
     """Notes on a load that delivers energy, and on every efficiency outside 0 … 1.
 
-    What goes into the output's resistors and storage comes through the piezo's terminals, unless
+    The energy of the output's resistors and storage comes through the piezo's terminals, unless
     the load has a source, a negative resistance, or energy that it held at the start.
     `power_scale` is the value of a scaled power of 1 in `unit`.
     """
@@ -96,7 +96,7 @@ def efficiency_notes(
             )
         return (
             f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
-            "out of its own sources or of what it held at the start; its efficiencies are not "
+            "out of its sources or of charge that it held at the start; its efficiencies are not "
             "shares of the piezo's power",
         )
     if any(name.startswith(SUPPLIED) for name in estimates):
@@ -117,7 +117,7 @@ def efficiency_notes(
 
 
 def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output so small that steps may cost it more than `step_error` says."""
+    """A note on an output so small that its step error may exceed `step_error`."""
     if "mean_output_power" not in estimates:
         return ()
     output_power, input_power = (
@@ -127,13 +127,13 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     if supplied or not 0.0 < output_power < FAINT_OUTPUT * input_power:
         return ()
     return (
-        f"the output power is {output_power / input_power:.1g} of what the base puts in: steps may "
-        "change it by some per cent; compare with step = finest",
+        f"the output power is {output_power / input_power:.1g} of the base's input power: steps "
+        "may change it by some per cent; compare with step = finest",
     )
 
 
 def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
-    """A note on what sources of a load deliver to it; see `efficiency_notes`."""
+    """A note on the power from sources of a load; see `efficiency_notes`."""
     supplied = [
         f"supplied by {name.removeprefix(SUPPLIED)}: "
         f"{quantity(estimate.estimate * power_scale, unit, 3)}"

@@ -1,4 +1,4 @@
-"""From the moments of a run to its estimates, with notes on what the run is too short for."""
+"""Estimates from the moments of a run, with notes on quantities that need a longer run."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ SENSITIVE = (
     "before; choose step = finest or a shorter one, best by the method monte-carlo"
 )
 CHAOTIC = (
-    "the path is chaotic: runs whose excitation differs by what the steps may cost end with powers "
+    "the path is chaotic: runs whose excitation differs by the possible step error end with powers "
     "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
     "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
 )
@@ -84,7 +84,7 @@ MOST_NOTES = 3
 
 @dataclass(frozen=True)
 class RunEstimates:
-    """Scaled estimates of a run, and what to know before citing one.
+    """Scaled estimates of a run, and caveats for citing them.
 
     Attributes
     ----------
@@ -97,15 +97,15 @@ class RunEstimates:
     path_error
         Share by which the steps may change the means of one deterministic path.
     residual
-        Of the energy balance, as a share of the energy put in.
+        Residual of the energy balance, as a share of the energy input.
     notes
-        On sources in the load, efficiencies above 1 and the shortfalls.
+        Notes on sources in the load, efficiencies above 1 and the shortfalls.
     moments
         Weighted by `harvester.statistics.well_balance` where wells differ.
     error
         The error of a mean from batches of these.
     balance
-        Of the jumps between wells, where these differ; else None.
+        Balance of the jumps between wells, if these differ; else None.
     """
 
     whole: dict[str, Estimate]
@@ -158,7 +158,7 @@ def run_estimates(
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
-    # Of one path, means hold for stores that remember more than a batch charged as in this run.
+    # With one path, means hold for slow stores only at their charge in this run.
     longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
     remembered = [store.memory for store in stores if store.memory <= longest]
     slow = memory + 0.5 * max(remembered, default=0.0)
@@ -183,7 +183,7 @@ def run_estimates(
     reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
-        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
+        *[*dict.fromkeys(moment.note for moment in moments if moment.note)][:MOST_NOTES],
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
@@ -246,13 +246,13 @@ def _sinks(scene, moments, scale):
     load = scene.load.circuit
     if load is None or not load.has_output or any(m.kind == OUTPUT for m in load.measures):
         return ()
-    taken = taken_by_sources(moments)
+    powers = taken_by_sources(moments)
     return tuple(
-        f"{part.name} takes {quantity(scale * taken[name], unit_of(scene, 'power'), 3)} at the "
+        f"{part.name} takes {quantity(scale * powers[name], unit_of(scene, 'power'), 3)} at the "
         "output, which counts as converter loss, as only resistors there are the output: to count "
         "it, write * measure: output NAME = watts"
         for part in load.elements
-        if (name := part.name.replace(".", "_")) in taken
+        if (name := part.name.replace(".", "_")) in powers
         and not part.voltage
         and {*part.nodes[:2]} == {*load.pins[2:]}
     )
@@ -274,7 +274,7 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
 
     A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
-    relative to (∫S df)²: that of an exponential autocorrelation with the time
+    relative to (∫S df)²: the variance for an exponential autocorrelation with the time
     ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
     the run lost its energy; 0 where that rate is not positive.
     """
@@ -338,8 +338,8 @@ def with_steps(
 ) -> Estimate:
     """The estimate with the error of its steps, if the excitation is deterministic.
 
-    A periodic motion or a transient has no sample size. That of another path is at most the number
-    of correlation times `memory` (s): what repeats itself within a cycle is no further sample.
+    A periodic motion or a transient has no sample size. The sample size of another path is at most
+    the number of correlation times `memory` (s): a repetition within a cycle is no further sample.
     The steps cost a share of `size`, by default the estimate's own; see `step_sizes`. `change`: see
     `error_of`.
     """
@@ -352,12 +352,12 @@ def with_steps(
     unvarying = change or excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
         samples = None
-    # What is constant while the motion changes does not depend on how it is stepped.
+    # A quantity that is constant while the motion changes does not depend on the steps.
     if error is not None and (unvarying or not constant(estimate.estimate, error)):
-        whole = math.hypot(error, path_error * size)
-        if samples is not None and whole > 0.0:
-            samples *= (error / whole) ** 2
-        error = whole
+        total_error = math.hypot(error, path_error * size)
+        if samples is not None and total_error > 0.0:
+            samples *= (error / total_error) ** 2
+        error = total_error
     if samples is not None and memory > 0.0:
         samples = min(samples, scene.run.duration / memory)
     return replace(estimate, standard_error=error, effective_sample_size=samples)

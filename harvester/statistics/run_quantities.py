@@ -111,7 +111,7 @@ def _mean(series, products, name, dimension, error_of):
 
 
 def _efficiencies(series, products, error_of):
-    """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
+    """Eq. 35 in both forms: relative to the power lost and used, and to the power put in."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
     load_load = products["load_power", "load_power"]
     load_loss = products["load_power", "loss_power"]

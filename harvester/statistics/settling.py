@@ -1,7 +1,7 @@
 """Whether a run is longer than the memory of its device and load, and whether its means drift.
 
-Realizations start at rest. What is left of that start in a mean over the measured time, once
-`run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
+Realizations start at rest. The remainder of that start in a mean over the measured time, once
+`run.settle` has passed, is not seen by batch means: if it exceeds the error bar, that bar is
 withheld, and a note names the time that was too long.
 
     0       settle                     settle + duration
@@ -50,9 +50,10 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported if it exceeds this share of the mean and this number of standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Above this share of what a store holds, the bound of its missing charge is not printed.
+# Share of a store's charge above which the bound of its missing charge is not printed.
 MOST_MISSING = 10.0
-# Of stores that lack this share of the worst's and more, the greatest capacitance is named.
+# Among stores with at least this share of the largest missing charge, the greatest capacitance is
+# named.
 FOLLOWING = 0.25
 # After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
 # of time that the starts move by more than 0.005.
@@ -77,7 +78,7 @@ QUANTITIES_OF_THE_OUTPUT = (
     "start_up_time",
     "output_power",
 )
-# Points over which what is left of a coherent motion is averaged.
+# Points over which the remainder of a coherent motion is averaged.
 COHERENT_POINTS = 50
 DRIFTING_QUANTITIES = {
     "E[V²]": "square_voltage",
@@ -93,7 +94,7 @@ class Shortfall:
     Attributes
     ----------
     reason
-        In a few words, shown beside each estimate.
+        Reason in a few words, shown next to each estimate.
     advice
         The consequence, and the setting to change.
     names
@@ -120,7 +121,7 @@ def shortfalls(
 ) -> list[Shortfall]:
     """All reasons for which a run was too short; none for a transient or a sweep.
 
-    Their means are those of that event. `balance` is that of the jumps between wells where these
+    Their means include that event. `balance` describes the jumps between wells if these
     differ; `stores` are the load's at the end of the run. `memory` is the least correlation time in
     batches.
     """
@@ -131,12 +132,12 @@ def shortfalls(
         return []
     reasons = [_motion(scene, p, estimates), _charge(scene, p, moments, estimates)]
     if excitation.drifts:
-        # Stores and jumps are those of this record.
+        # Stores and jumps come from this record.
         return [reason for reason in (*reasons, _ramp(moments, estimates)) if reason]
     reasons += [
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
-        # Without chance the well is decided by the start, and a longer run has no more jumps.
+        # Without noise the start decides the well, and a longer run has no more jumps.
         _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
@@ -159,7 +160,7 @@ def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str
 
 
 def left_of_start(time: float, settle: float, duration: float) -> float:
-    """Mean of exp(−t/time) over the measured time: what is left of a start."""
+    """Mean of exp(−t/time) over the measured time: the remainder of a start."""
     share = time / duration
     return share * math.exp(-settle / time) * -math.expm1(-1.0 / share)
 
@@ -218,7 +219,7 @@ def _slow(scene, time, what, error, names=None):
 
 
 def _few_values(scene, time, what, names=None):
-    """The shortfall of a run that sees too few independent values of what is slow, or None."""
+    """Shortfall of a run with too few independent values of its slow quantities, or None."""
     run = scene.run
     # The number of independent values that the slow part of the motion takes.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))
@@ -260,7 +261,7 @@ def _motion(scene, p, estimates):
             share = left(run.settle)
             if share <= bound:
                 return None
-            # The slowest decays may hardly change what is measured: take the first that suffices.
+            # The slowest decays may hardly change the measured means: take the first that suffices.
             times = sorted(1.0 / rates)
             slow = next(
                 (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
@@ -282,7 +283,7 @@ def _linear(p, estimates):
     """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
 
     Also the indices of the states whose mean squares are tested. The stiffness of a monostable
-    spring is that at the measured E[X²], the damping by another load that of the measured power.
+    spring is taken at the measured E[X²], the damping by another load from the measured power.
     """
     square = estimates["mean_square_displacement"].estimate
     equilibrium = timescales.rest(p)
@@ -311,7 +312,7 @@ def _linear(p, estimates):
 def _left_in_squares(p, matrix, run, coherent):
     """Relative distance of the mean squares over the measured time from their stationary values.
 
-    A `coherent` motion keeps its phase: what is left of the start is added to the amplitudes, not
+    A `coherent` motion keeps its phase: the remainder of the start is added to the amplitudes, not
     to the squares, and is forgotten half as fast. Between the two it is a bound.
     """
     from scipy.linalg import expm, solve_continuous_lyapunov
@@ -330,7 +331,7 @@ def _left_in_squares(p, matrix, run, coherent):
         steps = run.settle + run.duration * np.linspace(0.0, 1.0, COHERENT_POINTS) ** 2
         squares = np.abs([np.diag(later(time)) for time in steps]) / np.diag(stationary)
         return np.trapezoid(2.0 * np.sqrt(squares) - squares, steps, axis=0) / run.duration
-    # The integral I of what is missing obeys A I + I Aᵀ = its change.
+    # The integral I of the missing covariance obeys A I + I Aᵀ = its change.
     change = later(run.settle + run.duration) - later(run.settle)
     integral = solve_continuous_lyapunov(matrix, change)
     return np.abs(np.diag(integral)) / run.duration / np.diag(stationary)
@@ -362,13 +363,13 @@ def _storage(scene, stores, estimates):
         elements = scene.load.circuit.elements
         sizes = {part.name: part.size or 0.0 for part in elements if part.letter == "c"}
         worst = max(alike, key=lambda store: sizes.get(store.name, 0.0))
-        away = f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+        away = f"its charge is up to {100.0 * abs(worst.missing):.2g} % away from its "
         longest = (
             f" (to {run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
             "charges it)"
         )
         if abs(worst.missing) > MOST_MISSING:
-            # While diodes block, the bound says nothing.
+            # While diodes block, the bound is meaningless.
             away, longest = "it has not come near its ", ""
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
@@ -387,7 +388,7 @@ def _storage(scene, stores, estimates):
 def _jumps(scene, p, moments, estimates):
     """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
     crossings = _total(moments, "well_crossings")
-    # Without chance a motion that stays in its well goes on staying, and a periodic one between
+    # Without noise a motion that stays in its well goes on staying, and a periodic one between
     # the wells passes as often in each period.
     if not scene.excitation.random and (scene.excitation.period or not crossings):
         return None
@@ -411,7 +412,7 @@ def _jumps(scene, p, moments, estimates):
 
 
 def _residence(scene, p, moments, estimates, balance):
-    """The shortfall of a run with few jumps between wells, in what depends on the well."""
+    """Shortfall of a run with few jumps between wells, for quantities that depend on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
@@ -437,8 +438,8 @@ def _residence(scene, p, moments, estimates, balance):
         f"{times.sum():.3g} s"
         + f", only {fewest:.0f} into or out of one of them"
         * bool(counts.sum()),
-        f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
-        "longer (run.duration times run.realizations)"
+        "shares of time and quantities that depend on them are unknown; simulate "
+        f"{needed:.1g} s in all or longer (run.duration times run.realizations)"
         + ", or average by fokker_planck" * averaged
         + "; the mass touched no stopper: without [stoppers] the wells are alike" * bool(untouched),
         names,
@@ -456,13 +457,13 @@ def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
     if balance is None or balance.shares is None:
         return ()
     run = scene.run
-    # Realizations begin in the wells in turn, or all in the same.
+    # Realizations begin in successive wells, or all in the same.
     missing = 1.0 if scene.start else np.max(np.abs(balance.shares - 1.0 / len(balance.shares)))
     if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
         return ()
     return (
         f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
-        "shares of time are those that the rates of jumps keep in balance, not those of the run; "
+        "shares of time follow from the rates of jumps in balance, not from the run; "
         f"with run.settle = {SETTLED * balance.exchange_time:.2g} they are the same",
     )
 
@@ -475,8 +476,8 @@ def _expected_jumps(p, moments, estimates):
     """Largest likely number of jumps out of the wells, by the rate of a weakly damped mass.
 
     The energy is the upper end of its interval: runs with little energy by chance would else keep
-    error bars that others lose. The charge stays behind: it lifts the barrier by as much as the
-    load is slower than the motion.
+    error bars that others lose. The charge is slower than the motion: it lifts the barrier by as
+    much as the load is slower than the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
     lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)

@@ -1,6 +1,6 @@
 """Moments of several realizations, added to while they are integrated, eight to an instruction.
 
-All realizations take the same steps, and some of them have points of their own within a step. A
+All realizations take the same steps, and some of them have additional points within a step. A
 step belongs to the batch of its middle, and is measured if it begins at or after the start.
 
 A block of memory holds eight realizations, one in each column:
@@ -30,7 +30,7 @@ TOGETHER = 8
 FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
 # Offsets of the rows in a block. The rows are the latest point, the sums in the order of
 # `Moments.integrals` and `Moments.products`, the displacement before it, the time since then (0
-# before the start), and the two saddles beside the well that was reached last.
+# before the start), and the two saddles around the well that was reached last.
 TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
     0, FIELDS * TOGETHER, TOGETHER
 )
@@ -87,7 +87,7 @@ class Tally(NamedTuple):
 class SeveralMoments:
     """Moments of several realizations of one scene, without an output side.
 
-    What is added to `tally` appears in each of them, with `collect`. The moments are empty at
+    Additions to `tally` appear in each of them, with `collect`. The moments are empty at
     first, their samples at multiples of the knots' `spacing` (s).
     """
 
@@ -98,7 +98,7 @@ class SeveralMoments:
         counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
         rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
         rows[:, TIME : TIME + TOGETHER] = np.nan
-        # Until a first well is reached, no place lies between the saddles beside it.
+        # Until a first well is reached, no position lies between its saddles.
         rows[:, LEFT : LEFT + TOGETHER], rows[:, RIGHT : RIGHT + TOGETHER] = np.inf, -np.inf
         self._last = _stacked(moments, "last")
         self.tally = Tally(
@@ -204,7 +204,7 @@ def add_point(
 ) -> None:
     """Add one realization's interval from the latest point to this, by trapezoids.
 
-    `cells` are a block's rows, `k` the place in them; the rest as in `Record`.
+    `cells` are a block's rows, `k` the index in them; the rest as in `Record`.
     """
     before = cells[DISPLACEMENT + k]
     interval = time - cells[TIME + k] if measured else 0.0
@@ -263,7 +263,7 @@ def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
 
 @uncounted
 def _reach(tally, cells, realization, k, batch):
-    """Count a jump where a mass beside the well reached last is in the core of another one."""
+    """Count a jump if a mass outside the well reached last is in the core of another one."""
     x, v, time = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TIME + k]
     nearest, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
     potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)

@@ -1,6 +1,6 @@
-"""How far a load's capacitors and coils are from their steady state at the end of a run.
+"""Distance of a load's capacitors and coils from their steady state at the end of a run.
 
-The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
+The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: the distance from y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
 blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
 within the run, the rest follows from its decay.
@@ -41,11 +41,11 @@ class StoreState:
     ----------
     name, where : as in `circuits.netlist.stores.Store`.
     missing, error
-        Distance from where it settles, as a share of what it holds; standard error.
+        Distance from its final value, as a share of its value; standard error.
     time
         Relaxation time (s); nan where it could not be determined.
     memory
-        Time over which what it holds is remembered under noise (s).
+        Correlation time of its charge under noise (s).
     """
 
     name: str
@@ -110,7 +110,7 @@ def _state(store, levels, ends, matrix, times):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # A voltage that swings about 0 has no mean of its own.
+    # A voltage that swings about 0 has no mean.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf
@@ -122,8 +122,8 @@ def _state(store, levels, ends, matrix, times):
             missing, time = by_network, by_network / rate
         memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
-        # There is no time constant: assume that the store still lacks as much as the run has
-        # changed it.
+        # There is no time constant: assume that the store's remaining charge is as large as the run
+        # has changed it.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
@@ -136,7 +136,7 @@ def _state(store, levels, ends, matrix, times):
 def _by_decay(changes, length):
     """Missing part and relaxation time (s), from the rate's decay at the run's end; else inf, nan.
 
-    The rates in the last two quarters go on as a geometric series.
+    The rates in the last two quarters are extrapolated as a geometric series.
     """
     batches = changes.shape[1]
     mean_changes = changes.sum(axis=0) / len(changes)

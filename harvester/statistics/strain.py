@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.statistics.moments import Moments
 
-# The normal distribution's quantile that two standard errors stand for.
+# The normal distribution's quantile that corresponds to two standard errors.
 TWO_SIDED = 1.959964
 ONE_PEAK = "one realization has one peak: raise run.realizations for an error bar"
 # Quantities that exist only if the scene gives a Basquin's line of its layers.

@@ -99,7 +99,7 @@ def _add_points(time, x, voltage, rows, start, length, squares, peaks, last, tur
     """Add points that follow `last`, two rows of (time, strain, stress); counts turning points.
 
     Turning points of the strain are written as (time, strain), the first measured point with them.
-    Between points a peak is that of the parabola through three of them.
+    Between points a peak is the vertex of the parabola through three of them.
     """
     count, batches, point = 0, len(squares), np.empty(3)
     for i in range(time.size):

@@ -1,4 +1,4 @@
-"""Stroboscopic samples of a record: its state at equally spaced times, and what lies between."""
+"""Stroboscopic samples of a record: its state at equally spaced times, and means between."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harvester.scene.steps import stop_time
 COLUMNS = (
     "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
 )  # fmt: skip
-# The first so many columns are the state of the motion.
+# Number of first columns that are the state of the motion.
 STATE = 3
 
 

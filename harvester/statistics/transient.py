@@ -1,4 +1,4 @@
-"""How long a device and its load remember where they began."""
+"""Decay times of the initial state of a device and its load."""
 
 from __future__ import annotations
 

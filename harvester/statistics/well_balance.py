@@ -1,13 +1,13 @@
 """Means of a device whose wells differ, from its jumps between them.
 
-Realizations begin in the wells in turn. Where a well is left once in a run or less, the time spent
-in each is that of the starts. The rates of jumps do not depend on the starts: the shares of time
+Realizations begin in successive wells. If a well is left once in a run or less, the time spent
+in each reflects the starts. The rates of jumps do not depend on the starts: the shares of time
 that they keep in balance are the stationary ones. So are the numbers of jumps, each of which sets
 free or takes the energy between two wells. Batches are weighted until the wells have these shares
 and jumps (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted
-Survey Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of
-the rates, by how much the mean depends on the well; a rate is known no better than its jumps are
-many.
+Survey Sampling, 1992, chapter 6). A mean's error combines the errors of the means within the wells
+and of the rates, by how much the mean depends on the well; a rate is known no better than its jumps
+are many.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.statistics.moments import Moments
 
-# Fewest jumps behind an error bar: 16 jumps have a relative error of a quarter.
+# Fewest jumps for an error bar: 16 jumps have a relative error of a quarter.
 FEWEST_JUMPS = 16.0
 
 
@@ -47,7 +47,7 @@ class WellBalance:
     exchange_time
         The slowest time in which the wells forget which one was begun in (s).
     weights
-        With mean 1, with which the mean of `features` is `balanced`; shape (realizations,
+        Weights of mean 1 with which the mean of `features` is `balanced`; shape (realizations,
         batches).
     features
         Each batch's share of time in each well and its jumps per second, kind by kind;
@@ -55,10 +55,10 @@ class WellBalance:
     balanced
         Stationary means of the features, from the jump rates.
     innovations
-        How far `balanced` lies off by each batch's jumps, more or less than the rates
+        Deviation of `balanced` by each batch's jumps, more or fewer than the rates
         expect, were all batches like it; as `features`.
     changes
-        How far `balanced` changes by one jump more from the first well to the second; shape
+        Change of `balanced` by one more jump from the first well to the second; shape
         (wells, wells, wells + kinds of jumps).
     """
 
@@ -163,7 +163,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     jumps, times = with_settling("counts"), with_settling("times")
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
-        # All runs stay in the well of the given start: the means are those of this well.
+        # All runs stay in the well of the given start: the means hold for this well.
         return None
     features = _features(moments, batches, total)
     rates = total / np.maximum(time, np.finfo(float).tiny)[:, None]
@@ -250,7 +250,7 @@ def _group_of(batches, groups):
 
 
 def _weighted(moments, weights):
-    """One realization's; what lies behind the last complete batch has no weight of its own."""
+    """Shares of one realization; data after the last complete batch have no weight."""
     padded = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
     places = _group_of(len(padded), groups)

@@ -31,7 +31,7 @@ SPENT = "the time budget was spent: with a folder (output) the same command goes
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
     """An engine or a closure that takes the scene's load.
 
-    None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
+    None means Monte Carlo, or the circuit if only that supports load and excitation.
     """
     if method is None:
         try:
@@ -94,7 +94,7 @@ def is_complete(answer: Any) -> bool:
 
 
 def told(answer: Any) -> str:
-    """The reason why a run did not come to its end."""
+    """The reason why a run did not complete."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 
 

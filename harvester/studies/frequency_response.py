@@ -1,7 +1,7 @@
 """`frequency_response`: amplitude, voltage and power over the frequency of a sine.
 
 One run per direction goes through the frequencies one after another without a jump in phase, so
-that the device keeps its branch: what differs between up and down is hysteresis.
+that the device keeps its branch: a difference between up and down is hysteresis.
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ SETTLED_SHARE = 1e-4
 MOST_PERIODS = 20_000
 # Most knots of the sine at one frequency. No run with more would end.
 MOST_KNOTS = 1e10
-# So many periods of the lowest frequency are measured. The change from their first half to their
+# Measured periods of the lowest frequency. The change from their first half to their
 # second is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
-# Its place among the quantities of a direction.
+# Its index among the quantities of a direction.
 RESIDUAL = 3
 # Quantities and their dimensions.
 QUANTITIES = {
@@ -94,7 +94,7 @@ class FrequencySweep:
     rms_voltage, mean_power
         Means over whole periods.
     absolute_amplitude
-        The same as of X, of the mass in space.
+        Amplitude of the mass relative to the laboratory.
     peak_voltage, peak_power
         The greatest |V| and power into the load.
     mean_output_voltage, mean_output_power
@@ -138,7 +138,7 @@ class FrequencyResponse(ResultBase):
     seconds
         Processor time of simulation (s), both directions.
     shown
-        Quantities of the table and the figure; all there are stand in the JSON.
+        Quantities of the table and the figure; the JSON has all.
     per_g : bool
         Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
         excitation's amplitude in g, powers over its square.
@@ -339,7 +339,7 @@ class _Outputs:
     def add(
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
-        """Points of the voltage, of the measured output power, and of what each source takes."""
+        """Points of the voltage, of the measured output power, and of the power of each source."""
         used = values[self._powers].sum(axis=0)
         for window in self._windows:
             window.add_output(voltage, used, *values[self._sources])
@@ -354,7 +354,7 @@ def one_direction(
 ) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
 
-    `engine`, `step`, `settings`: the engine's name, its step, and those of its options that differ
+    `engine`, `step`, `settings`: the engine's name, its step, and the options that differ
     from the defaults.
 
     Returns
@@ -387,7 +387,7 @@ def one_direction(
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
         row = np.array([*_means(record, base, *ends), *at_output])
         if excitation.dwell < transient_time(ready, SETTLED_SHARE):
-            # What is missing at the end of a time t is τ/t times the change within it.
+            # The remaining change after a time t is τ/t times the change within it.
             residual = row[RESIDUAL] * transient_time(ready, math.exp(-1.0)) / (0.5 * ends[1])
             row[:] = row if residual <= NOTED_RESIDUAL else math.nan
             row[RESIDUAL] = residual
@@ -440,7 +440,7 @@ def quantities_of(scene: Scene) -> list[str]:
 
 
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
-    """The quantities that are shown, by default the usual ones and those of an output.
+    """Quantities to show, by default the usual ones and the output's.
 
     Raises HarvesterError: no such quantity, or per g in a scaled scene.
     """
@@ -462,8 +462,8 @@ def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "
-            f"in pieces of {spacing:.3g} s, are more than {MOST_KNOTS:g} of them; choose others, "
-            "or a load that is sooner charged"
+            f"in steps of {spacing:.3g} s, exceed {MOST_KNOTS:g} steps; choose other frequencies, "
+            "or a load with faster stores"
         )
     dwell = math.ceil(dwell / spacing) * spacing
     sine: Any = scene.excitation
@@ -473,13 +473,13 @@ def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
 
 
 def _measured(excitation, frequency):
-    """An even number of whole periods, at least as long as those of the lowest frequency."""
+    """Even number of whole periods, at least as long as the periods of the lowest frequency."""
     longest = MEASURED_PERIODS / min(excitation.frequencies)
     return 2 * math.floor(0.5 * longest * frequency + 1e-9) / frequency
 
 
 def _means(record, base, stop, measured):
-    """`FrequencySweep`'s quantities except those of the output, over the last whole periods."""
+    """`FrequencySweep`'s quantities without the output's, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]
@@ -504,7 +504,7 @@ def _means(record, base, stop, measured):
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods.
 
-    What sources of the load deliver is no harvested power.
+    Power from sources of the load is no harvested power.
     """
     voltage, used, *sources = outputs
     ends = (stop - measured, stop)

@@ -1,4 +1,4 @@
-"""The points of a study: every load at every place of the swept values, on common noise."""
+"""The points of a study: every load at every point of the swept values, on common noise."""
 
 import itertools
 import math
@@ -22,7 +22,7 @@ from harvester.scene.tables import all_keys
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
 # Keys of [run] with whole numbers.
 WHOLE = ("run.seed", "run.realizations")
-# A realization settles for at least so many time constants of the load's output.
+# Least settling time of a realization, in time constants of the load's output.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
 GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'
@@ -30,7 +30,7 @@ GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'
 
 @dataclass(frozen=True)
 class GridPoint:
-    """One load at one place of the grid.
+    """One load at one point of the grid.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
 
 
 def _check_shared(where, key, value, loaded):
-    """Refuse a parameter that some of the loads lack; what they all lack is refused as of one."""
+    """Raise if some of the loads lack a parameter; if all lack it, the message names one."""
     lacking = {}
     for label, scene in loaded.items():
         try:
@@ -204,7 +204,7 @@ def _at(scene, values):
 def _with_storage(points):
     """Storage capacitors of the library's loads small enough to charge while a run settles.
 
-    Where the user says nothing: at 10 MΩ the library's 10 µF would take minutes.
+    Unless the user gives one: at 10 MΩ the library's 10 µF would take minutes.
     """
     changed = []
     for k, point in enumerate(points):

@@ -90,8 +90,8 @@ def validate(
     executor, runner
         See `harvester.simulate`.
     progress : callable or False or None
-        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
-        none.
+        Called with the finished share, 0 … 1, and the current method. None shows a bar in a
+        notebook, False none.
 
     Raises
     ------
@@ -173,16 +173,16 @@ def frequency_response(
         A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
-        In Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
+        Frequencies in Hz, such as numpy.linspace(5, 30, 51) or [10.0, 12.5].
     amplitude : float or None
-        Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
+        Amplitude of the base acceleration, m/s² in SI (default: the amplitude of the scene's sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
     quantities : sequence of str
-        What is shown; several may be given: displacement_amplitude (of the tip, relative to the
+        Quantities to show, one or several of: displacement_amplitude (of the tip, relative to the
         base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
         an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
-        mean_power and what the output has).
+        mean_power and the output's quantities).
     per_g : bool
         All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
         this amplitude alone.
@@ -229,6 +229,7 @@ def frequency_response(
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
+        arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
         tasks = [Task(work.one_direction, values, version, engine.name) for values in arguments]
         outcomes = successful(runner.run(tasks))
     sweeps = []
@@ -274,11 +275,11 @@ def spectrum(
     column : str or None
         For a record: name or number of the acceleration's column.
     unit : str or None
-        Unit of a record's column, where its heading does not say it: g, m/s^2, …
+        Unit of a record's column, if its heading has none: g, m/s^2, …
     sampling_rate : float or None
-        Sampling rate of a record, where it does not say it (Hz).
+        Sampling rate of a record, if its file has none (Hz).
     resolution : float or None
-        Bandwidth of the density (Hz); left out: that of 64 segments.
+        Bandwidth of the density (Hz); default: the bandwidth of 64 segments.
     duration : float or None
         For a scene: how long its excitation is drawn (s); left out: run.duration.
     breakpoints : int
@@ -329,7 +330,7 @@ def sweep(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Sweep:
-    """A scene at every place of a grid of values by every method, all on the same noise.
+    """A scene at every point of a grid of values by every method, all on the same noise.
 
     Parameters
     ----------
@@ -341,10 +342,10 @@ def sweep(
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
-        What the tables show and what a precision holds for; several may be given (default:
+        Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
-        Relative standard error that each place is run for by the engines; None: the scene's own
+        Relative standard error that each point is run for by the engines; None: the scene's own
         run.
     step : str or float
         default, fine, finest, or the longest step in seconds, of the engines that are given by
@@ -357,7 +358,7 @@ def sweep(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its place.
+        A mistake in the call. A simulation that fails is the outcome of its point.
 
     Examples
     --------
@@ -422,14 +423,14 @@ def load_study(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
         With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
-        and there are as many as it takes, at most `MOST_REALIZATIONS`.
+        and as many run as the precision needs, at most `MOST_REALIZATIONS`.
     loads : sequence of str
         A load of netlists/ or a file; several may be given (default: the scene's own).
     over : dict of str to sequence of float
         Numbers of the scene and their values, such as
         {"load.parameters.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     method : str or Method
-        judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
+        judged: monte-carlo, with the circuit on the same noise at the optima and at points drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
         alone); monte-carlo or circuit alone; for a resistor also a closure.
     precision : float or None
@@ -475,7 +476,7 @@ def load_study(
     grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner, runner.in_stages() as stages:
-        # Asked here already, so that a machine without ngspice says so before any work.
+        # Checked here already, so that a machine without ngspice raises before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
@@ -554,7 +555,7 @@ def sensitivity(
 
     Notes
     -----
-    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
+    See `harvester.studies.sensitivity.sobol` for the estimators and the removal of the noise.
 
     Examples
     --------
@@ -609,16 +610,16 @@ def optimum(
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Optimum:
-    """Where one parameter, or several, make the power or the efficiency largest (Eq. 37).
+    """Find values of one or several parameters with the largest power or efficiency (Eq. 37).
 
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; its [run] is used first at each place (over one parameter), or for each
+        The scene; its [run] is used first at each point (over one parameter), or for each
         evaluation (over several).
     over : str, or dict of str to (float, float) or None
-        A number of the scene and its range (default: a tenth to ten times its value, within what
-        the key allows); several may be given.
+        A number of the scene and its range (default: a tenth to ten times its value, within the
+        limits that the key allows); several may be given.
     low : float or None
         Range of a single parameter.
     high : float or None
@@ -629,12 +630,12 @@ def optimum(
         the output where the load has one).
     method : str, Method or None
         monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs
-        it). A method without noise finds the place to its own precision.
+        it). A method without noise determines the optimum to its own precision.
     closure : str or None
         Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
-        Places proposed, over several parameters (default: 60 for each), or of the grid of one
-        parameter by a closure (17). Those of the climb, some tens, come on top.
+        Points proposed, over several parameters (default: 60 for each), or of the grid of one
+        parameter by a closure (17). The climb adds some tens of points.
     precision : float or None
         Relative standard error of the value at the optimum (default: the scene's own run).
     **running
@@ -643,7 +644,7 @@ def optimum(
     Returns
     -------
     Optimum
-        Over one parameter, averaging and simulation are compared, and the place has an interval;
+        Over one parameter, averaging and simulation are compared, and the optimum has an interval;
         over several the value has one.
 
     Raises
@@ -651,7 +652,7 @@ def optimum(
     HarvesterError
         No such key, or no range.
     OptimumError
-        The largest value lies at an end of the range, or no maximum can be told from noise.
+        The largest value lies at an end of the range, or no maximum exceeds the noise.
     SimulationError
         A run failed; `OutOfTime` where the time is spent.
     MissingLibrary
@@ -659,8 +660,8 @@ def optimum(
 
     Notes
     -----
-    The places proposed over several follow from the seed and the answers alone: with `output` the
-    same call after a kill takes the answers that are there and goes on to the same end.
+    The points proposed over several follow from the seed and the answers alone: with `output` the
+    same call after a kill reuses finished answers and gives the same result.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The density of any excitation or record, what kind of noise it is, and a specification of it."""
+"""Density of any excitation or record, its kind of noise, and a specification for it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 # Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB. Longer
-# segments than the most are not taken by default, and blocks hold so many samples at least: an hour
+# segments are not taken by default, and blocks hold at least this number of samples: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Most in a segment for the specification, and places of a density that is known.
+# Most in a segment for the specification, and points of a density that is known.
 MOST_IN_PROFILE, PLACES = 2**20, 2**15
 # Most values of a scene's excitation; a shared core took 24 s for 30 million.
 MOST_VALUES = 1e9
@@ -35,11 +35,11 @@ STRETCHES = 32
 HANN_BINS = 1.5
 # A specification ends where the density falls below this share of its greatest.
 FAINTEST = 1e-4
-# Quality factor of a device whose power a specification keeps, and with it that of wider ones.
-# Steps per width of its resonance, and the least of all.
+# Quality factor of a device whose power a specification keeps; it then keeps the power of wider
+# ones too. Steps per width of its resonance, and the least of all.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
-# The resolution must go so many times into that width: at twice, a record's power by the lines was
-# up to 10 % from that by its own periodogram, at four times up to 5 %.
+# Least ratio of that width to the resolution: at 2, a record's power by the lines was
+# up to 10 % from the power by its periodogram, at 4 up to 5 %.
 BINS_OF_WIDTH = 4.0
 # Corrections of the densities after each further breakpoint, the difference of power (log) at which
 # no other is needed, and the one from which it is noted.
@@ -106,7 +106,7 @@ def _analysed(
 ):
     """The analysis of values that come in blocks, an hour of them in flat memory.
 
-    `profiled` has what the specification is made from, if that is known without the values.
+    `profiled` has the basis of the specification, if it is available without the values.
     """
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
@@ -153,7 +153,7 @@ def _welch(blocks, count, interval, size, knots):
 def _specified(excitation, seconds, spacing):
     """Frequencies, density and bandwidth of noise whose density is known; None of another.
 
-    Without edges of its own it reaches from the reciprocal of the time to the samples' limit.
+    Without edges it reaches from the reciprocal of the time to the samples' limit.
     """
     low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
     frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])
@@ -284,7 +284,7 @@ class SpectrumAnalysis(ResultBase):
     Attributes
     ----------
     scene
-        Whose excitation it is, or whose device is looked at.
+        Scene of the excitation, or of the device.
     units : "SI" or "scaled".
     frequencies, density : ndarray, shape (n,)
         Hz, and one-sided density in (m/s²)²/Hz, or of η in a scaled scene.
@@ -293,7 +293,7 @@ class SpectrumAnalysis(ResultBase):
     segments
         Half overlapping ones, by Hann's window.
     duration
-        Of the record, or of the realization (s).
+        Duration of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)
@@ -449,7 +449,7 @@ class SpectrumAnalysis(ResultBase):
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
     def _findings(self) -> list[str]:
-        """How it was found, and what departs from stationary Gaussian noise."""
+        """Method, and deviations from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
         lines = [

@@ -30,12 +30,12 @@ from harvester.statistics.units import unit_of
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# An error bar reaches so many standard errors to either side.
+# Half length of an error bar, in standard errors.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Points of print between the markers of two engines at the same place.
+# Points of print between the markers of two engines at the same point.
 APART = 6.0
 # Width of the first line, and by how much each further one is thinner: thin over thick shows both.
 WIDEST, THINNER = 3.0, 0.6
@@ -43,11 +43,11 @@ WIDEST, THINNER = 3.0, 0.6
 
 @dataclass(frozen=True)
 class Cell:
-    """The answer of one method at one place of the grid.
+    """The answer of one method at one point of the grid.
 
     Attributes
     ----------
-    outcome : "complete", or what went wrong.
+    outcome : "complete", or the failure.
     estimates
         Estimates in the scene's units.
     orbits
@@ -63,12 +63,12 @@ class Cell:
 
 @dataclass(frozen=True, repr=False)
 class Sweep(ResultBase):
-    """A scene at every place of a grid by every method.
+    """A scene at every point of a grid by every method.
 
     Attributes
     ----------
     scene
-        The scene, with one knot spacing for all places.
+        The scene, with one knot spacing for all points.
     values
         Keys that were varied, and their values; of a load study also the names of loads.
     methods
@@ -77,7 +77,7 @@ class Sweep(ResultBase):
         The quantities that the tables show; `cells` hold all there are.
     cells : array of shape (values of each key …, methods).
     out_of_time
-        The time budget ended it: the same call with `output` goes on.
+        The time budget ended it: repeat the call with `output` to continue.
     seconds
         Wall-clock, of this call.
     """
@@ -105,7 +105,7 @@ class Sweep(ResultBase):
         return super(Sweep, complete)._numbers()
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of the tidy table: one for each place, method and quantity."""
+        """Header and rows of the tidy table: one for each point, method and quantity."""
         header = [key_column(key, self.scene.units) for key in self.values]
         header += ["method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
@@ -120,7 +120,7 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome", "notes"], rows
 
     def _dataset(self) -> Dataset:
-        """Every quantity beside its `…_standard_error` over the keys and the method.
+        """Every quantity with its `…_standard_error` over the keys and the method.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Sweep(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text: one for each place and method."""
+        """Header and rows as text: one for each point and method."""
         units = {
             name: unit_of(self.scene, cell.estimates[name].dimension)
             for _, cell in self.places()
@@ -168,9 +168,9 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome"], rows
 
     def _findings(self) -> list[str]:
-        """How it came about, and what to know before citing a number."""
+        """How the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
+        ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
         notes = placed_notes(
             (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
         )
@@ -185,7 +185,7 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """Where the first quantity is highest: by engines, or by closures if no engine ran."""
+        """Point of the highest first quantity: by engines, or by closures if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:
@@ -239,13 +239,13 @@ _NOTHING = Estimate(math.nan, None, None, "1")
 
 
 def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
-    """The JSON's entry for the orbits that starts reached; none where there is one start."""
+    """The JSON's entry for the orbits that starts reached; empty if there is one start."""
     entries = [orbit.to_dict(lambda dimension: unit_of(scene, dimension)) for orbit in orbits]
     return {"orbits": entries} if entries else {}
 
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
-    """(note, its places) of the notes at some places; "" for a note that all of them have."""
+    """(note, its points) of each note; "" for a note that all points have."""
     places: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
     for location, lines in noted:
@@ -259,7 +259,7 @@ def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, 
 
 
 def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
-    """The outcome, and the notes that stand behind one that is complete."""
+    """The outcome, and the notes of a complete one."""
     first, *notes = cell.outcome.split("; ")
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
 
@@ -330,7 +330,7 @@ def _value(cell, name, attribute):
 
 
 def _draw(sweep):
-    """A panel for each quantity and each place of the other keys."""
+    """A panel for each quantity and each point of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
     # An axis of numbers is preferred to one of words, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
@@ -397,5 +397,5 @@ def _series(sweep, name, x, cells, place, factor):
 
 
 def _without_settings(label):
-    """A method's name, without the settings that tell two methods of one name apart."""
+    """A method's name, without the settings that distinguish two methods of one name."""
     return label.partition(" (")[0]

@@ -149,7 +149,7 @@ class Accuracy(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """Whether the default step does, and what is behind the numbers."""
+        """Verdict on the default step, and notes on how the numbers were obtained."""
         answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
         lines = [
@@ -168,7 +168,7 @@ class Accuracy(ResultBase):
             f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
             "and without the start of the program; never: the bias alone is larger; (?): the bias "
-            "is not known well enough to say that this error is reached",
+            "is too uncertain to show that this error is reached",
             *(f"{name}: {ratio:.3g}" for name, ratio in ratios(speeds).items()),
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]

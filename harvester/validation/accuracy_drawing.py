@@ -1,4 +1,4 @@
-"""One measurement, two pictures: every method's error over its run time, and over that to an error.
+"""Two figures: every method's error over its run time, and its run time to a given error.
 
 Legend entries are groups of methods, at most eight; closures are named at their points, and the
 sampling error at its line.
@@ -27,7 +27,7 @@ NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset poin
 NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
-# A broad line behind all others: methods without a bias lie on it.
+# A broad line below all others: methods without a bias lie on it.
 SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.8", "width": 4.0}
 
 
@@ -53,7 +53,7 @@ def draw(study: Any) -> Figure:
 
 
 def _panel(series, x_label, y_label, title, named=()):
-    """Logarithmic axes that end a little beyond the data, with names beside some points."""
+    """Logarithmic axes that end a little beyond the data, with names next to some points."""
 
     def cut(axes):
         for column, set_limits in (("x", axes.set_xlim), ("y", axes.set_ylim)):
@@ -98,7 +98,7 @@ def _run_time(study):
 
 
 def _in_percent(bias):
-    """Size of a bias and its error bar, each of shape (…, 1), within what is drawn."""
+    """Size of a bias and its error bar, each of shape (…, 1), within the drawn range."""
     size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
     size = min(max(size, LEAST), GREATEST)
     return np.array([size]), np.array([[min(reach, 0.999 * size)], [reach]])
@@ -116,7 +116,7 @@ def _closures(study, deviation):
 
 
 def _biases(study, name, marks):
-    """One mean's |bias| over run time, and what so long a run can show of it."""
+    """One mean's |bias| over run time, with the resolution of so long a run."""
     series = []
     for row in study.rows:
         if name in row.bias and not is_reference(row.bias[name]):
@@ -131,7 +131,7 @@ def _biases(study, name, marks):
 
 
 def _defaults(rows):
-    """Of each family the row at its default step, or at the first of its tolerances."""
+    """Row of each family at its default step, or at the first of its tolerances."""
     first: dict[str, Any] = {}
     for row in rows:
         if row.errors and row.method.refinement == 1:
@@ -149,7 +149,7 @@ def _total_errors(study, name, marks):
     seconds = np.geomspace(min(times), max(times), POINTS)
 
     def total_of(error):
-        """In percent; what is below the smallest limit is of no interest."""
+        """Total error in percent; values below the smallest limit are cut off."""
         total = 100.0 * error.after(seconds)
         return np.where(total >= 100.0 * LIMITS[-1], total, np.nan)
 
@@ -159,10 +159,10 @@ def _total_errors(study, name, marks):
     for row in rows:
         error, colour = row.errors[name], marks[row.method.group][0]
         total = total_of(error)
-        known = error.bias.estimate == error.bias.standard_error == 0.0
-        uncertainty = 0.0 if known else 200.0 * (error.bias.standard_error or math.inf)
-        for line, shown in (("-", total >= uncertainty), ("--", total < uncertainty)):
-            series.append(Series(seconds, np.where(shown, total, np.nan), None, colour, line))
+        is_exact = error.bias.estimate == error.bias.standard_error == 0.0
+        uncertainty = 0.0 if is_exact else 200.0 * (error.bias.standard_error or math.inf)
+        for line, selected in (("-", total >= uncertainty), ("--", total < uncertainty)):
+            series.append(Series(seconds, np.where(selected, total, np.nan), None, colour, line))
         read = [(error.seconds_to(limit), 100.0 * limit) for limit in LIMITS]
         read = [point for point in read if point[0] < math.inf]
         series.append(_points(row, marks, *np.reshape(read, (-1, 2)).T))

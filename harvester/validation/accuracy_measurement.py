@@ -142,7 +142,7 @@ class TotalError:
 
     @property
     def resolved_bias(self) -> float:
-        """|bias| without what its own error bar explains: √(b² − σ²), 0 where that is all.
+        """|bias| without the part that its error bar explains: √(b² − σ²), 0 if that is all.
 
         nan without an error bar.
         """
@@ -168,7 +168,7 @@ class TotalError:
         return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, with what is read off at each of `LIMITS`."""
+        """Plain values for JSON, with the times at each of `LIMITS`."""
         content = {
             "bias": self.bias.estimate,
             "standard_error": self.bias.standard_error,
@@ -184,9 +184,9 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     """A method's bias, from its own run and the reference's longer one on the same noise.
 
     The reference's realizations on the noise of the method's own serve as control variate: with α
-    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias, m' the
-    reference's mean over these realizations and M that over all of its own. α is 1 while paths
-    stay together, and 0 where they part at once.
+    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias; m' is
+    the reference's mean over these realizations and M over all of its realizations. α is 1 while
+    paths stay together, and 0 where they part at once.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     Returns
     -------
     Estimate
-        As a share of the reference's mean.
+        Bias as a share of the reference's mean.
     """
     count = min(len(run.moments), len(reference.moments))
     estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
@@ -223,7 +223,7 @@ class MethodRow:
     run : Timed or None
         The method's run for the means; None if it failed.
     note : str
-        How it failed, or empty.
+        Reason of a failure, or empty.
     mean_step : float
         Mean step of the runs for the strong errors (s); nan when they failed.
     strong : dict of str to float
@@ -335,7 +335,7 @@ def measure(
 
 
 def _row(method, run, path_errors, reference, answer, scatter):
-    """A method's row; `answer` is the reference's longest run, which knows its means best."""
+    """A method's row; `answer` is the reference's longest run, with the most precise means."""
     mean_step, strong = path_errors
     if not isinstance(run, Timed):
         return MethodRow(method, None, run, mean_step, strong)
@@ -352,7 +352,7 @@ def _row(method, run, path_errors, reference, answer, scatter):
 
 
 def _brief_scene(model, realizations):
-    """Runs for slow methods: half of each for the transient, or less where the scene says so."""
+    """Runs for slow methods: half of each for the transient, or less if `run.settle` is."""
     scene = model.scene
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
     changes = {
@@ -428,7 +428,7 @@ def timed(
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
-    In a worker process; `method` holds what `ComparedMethod.options` gives.
+    Runs in a worker process; `method` holds the values of `ComparedMethod.options`.
     """
     warm_up = WARM_UP_KNOTS * knot_spacing(prepared_scene)
     brief = prepared_scene.replace({"run.settle": 0.0, "run.duration": warm_up})
@@ -458,7 +458,7 @@ def realizations_task(
     runner: Runner,
     function: Callable,
 ) -> Task:
-    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    """The task of some realizations that run together; `function` has the signature of `timed`."""
     options = method.options(model)
     arguments = {"scene": model.scene, "method": options, "indices": list(indices)}
     version = runner.version(method.engine)
@@ -489,5 +489,5 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
 
 
 def is_reference(bias: Estimate) -> bool:
-    """Whether a bias is that of the reference itself: nothing but rounding."""
+    """Whether a bias belongs to the reference itself: nothing but rounding."""
     return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """One way to solve a scene; those of one family differ in their steps only.
+    """One way to solve a scene; the methods of one family differ in their steps only.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class ComparedMethod:
         return f"step {self.step(model):.4g}"
 
     def options(self, model: Prepared) -> dict[str, Any]:
-        """The engine's name and what it is set to, as `harvester.simulate` takes them."""
+        """The engine's name and settings, as arguments of `harvester.simulate`."""
         names = ("engine", "source", "scheme", "tolerance", "device")
         return {"step": self.step(model), **{name: getattr(self, name) for name in names}}
 
@@ -83,8 +83,8 @@ def _listed(name):
 
 METHODS, COMPILED_METHODS, LOAD_METHODS = map(_listed, ("all", "compiled", "load"))
 THOROUGH_METHODS = (*METHODS, *_listed("thorough"))
-# The references of all biases, and that of paths with a netlist as load, which no independent
-# integrator runs.
+# The references of all biases, and the reference of paths with a netlist as load, which no
+# independent integrator runs.
 REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)

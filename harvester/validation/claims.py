@@ -69,7 +69,7 @@ class Opinion:
 
     @property
     def where(self) -> str:
-        """Where it holds, where not, and where nothing can be said, in words."""
+        """Conditions under which it holds, fails or is undecided, in words."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive] or pro
         return "; ".join(
@@ -241,8 +241,10 @@ def claims(
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {point: outcomes[request] for point, request in request_of_point.items()}
-    found = {point: answer for point, answer in answers.items() if answered(answer)}
-    opinions = [(claim, {m: _opinion(scene, claim, m, found) for m in METHODS}) for claim in chosen]
+    usable = {point: answer for point, answer in answers.items() if answered(answer)}
+    opinions = [
+        (claim, {m: _opinion(scene, claim, m, usable) for m in METHODS}) for claim in chosen
+    ]
     return ReproducedStatements(scene, opinions, answers, thorough, time.perf_counter() - clock)
 
 
@@ -285,7 +287,7 @@ def _opinion(scene, claim, method, answers):
     if test.of_orbits:
         return opinion_of(test.findings(scene))
     if test.compares and method == "monte-carlo":
-        return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
+        return Opinion(UNTESTED, reason="Monte Carlo is the reference of the others")
     methods = (method, "monte-carlo") if test.compares else (method,)
     reads = [lambda changes, m=m: answers.get((m, tuple(sorted(changes)))) for m in methods]
     findings = [f for condition in claim.conditions for f in test.findings(condition, *reads)]

@@ -1,6 +1,6 @@
 """Means that are known without simulation, where a case is simple enough for them.
 
-Each function returns, for the quantities that it knows, their values and how far off they may be;
+Each function returns the values of some quantities, and their largest deviations;
 an empty dictionary where it does not hold.
 """
 
@@ -34,7 +34,7 @@ def closed_forms(model: Prepared, realizations: int) -> dict[str, Means]:
     Parameters
     ----------
     realizations : int
-        Number in the run that is compared: they start in the wells in turn.
+        Number in the compared run: they start in successive wells.
     """
     if not model.scene.load.is_resistor:
         return {}

@@ -1,7 +1,7 @@
 """The solution on one noise path to eleven digits: scipy's DOP853, for strong errors.
 
 The force has kinks at the knots of the noise and, in its derivatives, where contact begins and
-ends: the integrator is started anew at each of them, so that its order holds in between.
+ends: the integrator is restarted at each of them, so that its order holds in between.
 The parts' equations are written out here from their numbers alone: a fault in the functions that
 engines share shows as their error.
 """

@@ -2,7 +2,7 @@
 
 A measured point's limit follows from how well it was read and from the measurement's own scatter:
 at one frequency every linear device with any source impedance gives a resistor R the power
-R/(a + b R + c R²), and what the points leave of the best such curve is their scatter.
+R/(a + b R + c R²), and the deviations of the points from the best such curve are their scatter.
 """
 
 import functools
@@ -44,15 +44,15 @@ class Truth:
     source : str
         Who derived or published it.
     allowance : float
-        How far off the simulated device may be because it is not quite that of the result
+        Allowed deviation because the simulated device differs slightly from the result's
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
     asked : dict of str to Request, Task or ProgramNotFound
-        What to compute by each method; a task returns (value, standard error). For a set that was
+        Computation by each method; a task returns (value, standard error). For a set that was
         not downloaded: how to get it.
     quantity : str
         Quantity of an answer, in the scene's units.
     device : str
-        Name of the device that was measured; empty for what was derived or computed.
+        Name of the measured device; empty for derived or computed values.
     """
 
     title: str
@@ -101,7 +101,7 @@ def _truth(entry, case):
 
 
 def _question(values, scene, method):
-    """What one method is asked: a mean of a run, the largest of several, or a task."""
+    """Question to one method: a mean of a run, the largest of several, or a task."""
     if "among" in values:
         keys, ranges = zip(*values["among"].items(), strict=True)
         cases = itertools.product(*ranges)
@@ -182,21 +182,21 @@ def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> flo
 
 
 def downloaded() -> list[Truth]:
-    """A row of each set, which says how to get it where it is not there."""
+    """A row of each set, with instructions for download if it is missing."""
     return [_set(entry) for entry in entries("known_results")["set"]]
 
 
 def _set(entry):
     name = os.environ.get(entry["variable"], "")
-    place = Path(name)
-    files = [place]
+    folder = Path(name)
+    files = [folder]
     if "files" in entry:
-        files = sorted(place / file for file in getattr(tasks, entry["files"]).values())
+        files = sorted(folder / file for file in getattr(tasks, entry["files"]).values())
     question: Any = ProgramNotFound(f"not downloaded: {entry['cure']}")
     if name and all(file.is_file() for file in files):
         content = b"".join(file.read_bytes() for file in files)
         call = {
-            "place": os.path.abspath(place),
+            "place": os.path.abspath(folder),
             "digest": hashlib.sha256(content).hexdigest(),
             "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
         }

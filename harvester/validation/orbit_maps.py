@@ -42,7 +42,7 @@ class _PaperMap(ResultBase):
     Attributes
     ----------
     name, computed : str
-        The figure, and what it shows.
+        The figure and its content.
     """
 
     name: ClassVar[str]

@@ -1,6 +1,6 @@
-"""A scene's first path by programs that share no code with this one's engines.
+"""A scene's first path by programs that share no code with the engines here.
 
-ngspice and VACASK run the exported netlist. scipy's Radau runs a harvester behind the project's
+ngspice and VACASK run the exported netlist. scipy's Radau runs a harvester with the project's
 diode bridge on node equations written out here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the
 diodes' currents i and s the stray capacitance C (o' − r') = i1 + i2 − (o − r)/R,
 (C + s) r' − C o' = −i3 − i4 + (o − r)/R.
@@ -74,7 +74,7 @@ def vacask(model: Prepared) -> np.ndarray:
 
 
 def find_ngspice() -> str:
-    """Path of the stand-alone ngspice: the environment's own or the system's."""
+    """Path of the program ngspice: the environment's or the system's."""
     local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
     program = str(local) if local.exists() else _on_path("ngspice")
     if program is None:

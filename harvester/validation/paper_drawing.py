@@ -95,14 +95,14 @@ def _series(method, points, quantity, factor, colour):
     _, mark, size = MARKS[method]
     series = []
     for symbol, words, is_short in ((mark, label, False), (SHORT, None, True)):
-        shown = [
+        selected = [
             (value, outcome.quantities[quantity])
             for value, outcome in points
             if answered(outcome) and outcome.misses_jumps == is_short
         ]
-        values = [value for value, _ in shown]
-        y = np.array([factor * estimate.estimate for _, estimate in shown])
-        bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in shown]
+        values = [value for value, _ in selected]
+        y = np.array([factor * estimate.estimate for _, estimate in selected])
+        bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in selected]
         series.append(Series(values, y, words, colour, "", symbol, bars, size=size))
     # If all its points are too short, the method's own mark is in the legend alone.
     seen = any(drawn.y.size for drawn in series)
@@ -116,14 +116,14 @@ def _density(method, density, colour):
     seen = np.flatnonzero(y > WORTH_DRAWING * y.max())
     step = max(1, seen.size // SYMBOLS_ACROSS)
     # The symbols of the two engines are on different bins, so that neither hides the other.
-    shown = seen[0 if method == "monte-carlo" else step // 2 :: step]
-    bars = None if density.standard_error is None else 2.0 * density.standard_error[shown]
+    selected = seen[0 if method == "monte-carlo" else step // 2 :: step]
+    bars = None if density.standard_error is None else 2.0 * density.standard_error[selected]
     _, mark, size = MARKS[method]
-    return Series(x[shown], y[shown], label, colour, "", mark, bars, size=size)
+    return Series(x[selected], y[selected], label, colour, "", mark, bars, size=size)
 
 
 def _label(method, colour):
-    """In the legend each method has the colour of the first curve."""
+    """Label of a method; the legend shows the first curve's colour alone."""
     if colour != COLOURS[0]:
         return None
     return MARKS[method][0] if method in MARKS else f"averaging, {method}"

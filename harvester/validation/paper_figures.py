@@ -1,6 +1,6 @@
 """The source paper's Figs. 4 to 10 as data of paper.toml, and requests for its scenes.
 
-`reproduce` and `claims` cut the same realizations, so that either finds those of the other.
+`reproduce` and `claims` cut the same realizations, so that either can use the other's.
 """
 
 from collections.abc import Iterable
@@ -55,7 +55,7 @@ class FigurePanel:
     swept : str
         The scene's key along the axis; for densities the one in which the curves differ.
     curves : tuple of Changes
-        Values that each line stands for.
+        Values of the lines.
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int
@@ -113,7 +113,7 @@ def request(
     realizations : dict of str to int
         Number for each engine, at first.
     **options
-        Of `harvester.engines.request.Request`, for simulations alone.
+        Options of `harvester.engines.request.Request`, for simulations alone.
     """
     if method not in ENGINES:
         return Request(scene, method, tolerance=CLOSURE_ERRORS[method], density=density)
@@ -122,7 +122,7 @@ def request(
 
 
 def costly_first(requests: Iterable[Request]) -> list[Request]:
-    """The requests with the long ones in front: no process is left alone with one at the end."""
+    """Requests with the long ones first, so that no process runs one alone at the end."""
 
     def cost(one):
         return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
@@ -131,7 +131,7 @@ def costly_first(requests: Iterable[Request]) -> list[Request]:
 
 
 def answered(outcome: Outcome) -> TypeGuard[Answer]:
-    """Whether a point has an answer, and neither a reason nor nothing."""
+    """Whether a point has an answer."""
     return outcome is not None and not isinstance(outcome, HarvesterError)
 
 

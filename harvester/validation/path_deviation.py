@@ -3,8 +3,8 @@
 Two motions on the same noise diverge in time: a contact or the passage of a saddle amplifies a
 small difference. A second fine path from a slightly different start shows when, and so does the
 engine itself at half its step. Up to there the engine's limit for short steps, extrapolated from
-the two, has to be the fine path: a wrong equation shows there far below what the step itself costs.
-What the step costs is the difference of the mean squares at the step asked for.
+the two, has to be the fine path: a wrong equation shows there far below the step error.
+The step error is the difference of the mean squares at the requested step.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ REPLAY_STEPS, REPLAY_STEPS_IN_CONTACT = 2, 8
 @register
 @dataclass(frozen=True)
 class PathDeviation:
-    """How far an engine's paths lie from fine ones over the stretch in which they are comparable.
+    """Deviation of an engine's paths from fine ones over the stretch in which they are comparable.
 
     Attributes
     ----------
@@ -85,14 +85,14 @@ class PathDeviation:
         Root mean square deviation of the limit for short steps, as a share of the state's rms,
         of X or V, whichever is larger; nan where no stretch can be compared.
     of_mechanics : float
-        The same of X against the mass under the recorded voltage (`replayed`), where the circuit is
+        Deviation of X from the mass under the recorded voltage (`replayed`), if the circuit is
         its own reference; nan elsewhere.
     resolution : float
         Size that both deviations may have in an engine that solves the same equations.
     of_mean_squares : float
         Largest deviation of the mean squares of X' and V at the step asked for, as a share.
     compared_periods, comparable_periods : float
-        Mean length of the stretch in periods of small oscillations, and that of the fine paths
+        Mean length of the stretch in periods of small oscillations, and the same of the fine paths
         alone, whatever the engine does.
     compared_time : float
         The former (s).
@@ -157,7 +157,7 @@ def _of_mechanics(model, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
     system = model.system
     holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
-    # State and voltage say what acts on the mass.
+    # State and voltage determine the forces on the mass.
     replayable = isinstance(system.transducer, Piezo) and not holds_speeds
     if reference_engine(model.scene) != "circuit" or not replayable or not compared.any():
         return np.nan
@@ -181,7 +181,7 @@ def path_scene(model: Prepared) -> Prepared:
 
 
 def reference_engine(scene: Scene) -> str:
-    """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
+    """Monte Carlo, whose scheme is of higher order; the circuit if only it supports the load."""
     return "monte-carlo" if scene.load.is_resistor else "circuit"
 
 
@@ -254,7 +254,7 @@ def _mean_squares(paths, fine, compared):
 def replayed(model: Prepared, waveforms: Sequence[Record]) -> np.ndarray:
     """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
 
-    Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
+    Runge–Kutta of fourth order; `waveforms` belong to the realizations 0, 1, … from their
     beginning.
     """
     system = model.system

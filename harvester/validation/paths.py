@@ -1,4 +1,4 @@
-"""Single paths of a scene at the knots of its noise, as engines run them in a worker process."""
+"""Single paths of a scene at the knots of its noise, computed in a worker process."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -48,7 +48,7 @@ def recorded(
     Parameters
     ----------
     **options
-        Of `harvester.simulate` that make up the engine.
+        Options of `harvester.simulate` that define the engine.
     """
     window = (0.0, 2.0 * model.scene.run.duration)
     return run(model, engine_of(engine, step=step, **options), indices, window, ignore)
@@ -60,7 +60,7 @@ def states_at_knots(model: Prepared, realizations: Sequence[Realization]) -> np.
     Returns
     -------
     ndarray, shape (realizations, knots, 3)
-        In the order of `STATES`.
+        States in the order of `STATES`.
     """
     times = knot_times(model)
     waveforms: Any = [realization.waveform for realization in realizations]

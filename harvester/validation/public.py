@@ -127,7 +127,7 @@ def accuracy(
     thorough : bool
         More paths, steps and realizations.
     **running
-        See `harvester.open_runner`. What is kept holds the times that were measured.
+        See `harvester.open_runner`. Stored answers include their measured times.
 
     Other Parameters
     ----------------

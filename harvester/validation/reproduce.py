@@ -40,7 +40,7 @@ from harvester.validation.paper_figures import (
 
 
 class Effort(NamedTuple):
-    """How much is computed: realizations at first, the relative standard error that more are
+    """Amount of computation: first realizations, the relative standard error that more are
     added for, and how many there may be."""
 
     realizations: int
@@ -57,7 +57,7 @@ NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
 
 @dataclass(frozen=True, repr=False)
 class Reproduction(ResultBase):
-    """One figure with all that was computed for it.
+    """One figure with its computed points.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Reproduction(ResultBase):
         The device; curves and axes change it.
     lines : list of list of dict
         Per panel and curve: {method: [(value, Outcome), …]}, values increasing. Of a `plan` it has
-        a Request in place of each outcome.
+        a Request instead of each outcome.
     wall_seconds : float
         Wall time from the call until the figure was done (s); figures share points.
     """
@@ -80,7 +80,7 @@ class Reproduction(ResultBase):
     wall_seconds: float
 
     def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Any]]:
-        """(panel, curve, method, value, outcome) of every point."""
+        """Yield (panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
                 for method, points in line.items():
@@ -125,7 +125,7 @@ class Reproduction(ResultBase):
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
             for note in outcome.notes if answered(outcome) else ():
-                # The note on the interpolation of the noise stands once, in the caption's JSON.
+                # The note on the interpolation of the noise is given once, in the caption's JSON.
                 if not note.startswith("noise linear"):
                     short.setdefault((method, note), []).append(point_name(panel, curve, value))
         return lines + [
@@ -217,19 +217,19 @@ def reproduce(
     quick : bool
         Figures with fewer points and shorter runs.
     precision : float or None
-        Relative standard error of E[V²] and PCE that the figures' simulations are run for, instead
-        of that of `QUICK` or `DEFAULT`.
+        Relative standard error of E[V²] and PCE at which the figures' simulations stop, instead
+        of the one of `QUICK` or `DEFAULT`.
     thorough : bool
         Statements by longer runs, and by the circuit at every condition.
     on_figure : callable or None
-        Given each result as soon as its last point is there.
+        Called with each result when its last point is computed.
     **running
         See `harvester.open_runner`.
 
     Returns
     -------
     list of Surfaces, OrbitVoltages, Reproduction or ReproducedStatements
-        Where the time budget was spent, points that are not there yet are None.
+        After the time budget was spent, missing points are None.
     """
     clock = time.perf_counter()
     names = listed(names, "names", '["fig4"]', str)

@@ -36,7 +36,7 @@ from harvester.validation.verdicts import (
 )
 
 LEGEND = (
-    "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the "
+    "a cell names the reference that it agrees with, the sharpest first: path: a fine path on the "
     "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
 )
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))

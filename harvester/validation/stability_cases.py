@@ -1,6 +1,6 @@
 """The stiff and extreme cases of `harvester stability`, and the answer of a method to one.
 
-Values are those of the scaled equations (Eqs. 4–6) and are turned to the scene's units, so that
+Values belong to the scaled equations (Eqs. 4–6) and are converted to the scene's units, so that
 one matrix serves scaled and SI scenes.
 """
 
@@ -57,7 +57,7 @@ class Case:
     Attributes
     ----------
     family : str
-        Name of what is varied.
+        Name of the varied quantity.
     name : str
         Value or values, as text.
     values : dict of str to float, bool, str or None
@@ -103,7 +103,7 @@ def changed(scene: Scene, case: Case) -> Scene:
             dotted, value = _scene_value(scene, name, scaled)
             changes[dotted] = value
     if scene.units == "SI":
-        # The unit of length stays that of the unchanged scene, and so do the scaled values.
+        # The unit of length and the scaled values stay those of the unchanged scene.
         changes["length_scale"] = length_scale(scene)
     new = prepared(scene.replace(changes))
     settle, duration = run_length(new)
@@ -281,7 +281,7 @@ def _run(model, step):
 
 
 def _affordable(model, step):
-    """The scene with a run so short that its contacts, too, keep to the budget of steps."""
+    """The scene with its run shortened until the steps in contacts fit the budget."""
     scene = model.scene
     length = scene.run.settle + scene.run.duration
     brief = min(TRIAL_STEPS * longest_step(model, step, "monte-carlo"), length)

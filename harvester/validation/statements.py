@@ -1,9 +1,9 @@
-"""The paper's statements on trends, as data of paper.toml, and what tests them.
+"""The paper's statements on trends, as data of paper.toml, and their tests.
 
 A test lists the changes of the scene that it needs at a condition (`scenes`), and evaluates
 them (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
 none. Differences of two simulations are paired batch by batch on their common noise, which is
-valid whether or not the paths stay together: the error is that of the difference itself.
+valid whether or not the paths stay together: it is the error of the difference itself.
 """
 
 import itertools
@@ -40,7 +40,7 @@ class Finding:
     Attributes
     ----------
     effect : float
-        A share, with the sign of what was found.
+        A share, with the sign of the finding.
     error : float
         Standard error of the effect, or its numerical error.
     favours : int
@@ -48,7 +48,7 @@ class Finding:
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
     margin : float or None
-        Margin below a limit, which decides in place of the effect.
+        Margin below a limit, which decides instead of the effect.
     """
 
     where: str
@@ -74,7 +74,7 @@ class StatementTest:
     Attributes
     ----------
     quantity : str
-        Of an answer, or one of `FEATURES` of its density.
+        Quantity of an answer, or one of `FEATURES` of its density.
     swept : str
         Key along whose `values` the quantity is followed.
     ranges, weak : tuple of (key, ends)
@@ -87,7 +87,7 @@ class StatementTest:
         A second quantity.
     quantities : tuple of str
     compares : bool
-        `findings` takes a second `read`: that of Monte Carlo.
+        `findings` takes a second `read` for Monte Carlo.
     of_orbits : bool
         It is about orbits without noise: `findings` takes the scene, and only the paper's closure
         is asked.
@@ -108,7 +108,7 @@ class StatementTest:
         """The changes of the scene whose answers this test needs; without any the condition."""
         places = [(self.swept, value) for value in self.values]
         places += [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
-        return [with_value(condition, *place) for place in places] or [condition]
+        return [with_value(condition, *point) for point in places] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
         """Findings from the answers of one method at a condition."""
@@ -127,7 +127,7 @@ class StatementTest:
 
 
 class _Followed(StatementTest):
-    """Base of tests that follow a quantity along values of one key, at least so many."""
+    """Base of tests that follow a quantity along values of one key, at least `fewest`."""
 
     fewest = 3
 
@@ -137,11 +137,11 @@ class _Followed(StatementTest):
         pairs = zip(self.values, answers, strict=True)
         points = [(v, answer) for v, answer in pairs if answer and _has(answer, self.quantity)]
         findings = []
-        for first, last, *rest in self.steps(points) if len(points) >= self.fewest else ():
+        for first, last, *options in self.steps(points) if len(points) >= self.fewest else ():
             change = relative_change(first[1], last[1], self.quantity)
             if change:
                 where = _range(condition, self.swept, first[0], last[0])
-                findings.append(Finding(where, *change, *rest))
+                findings.append(Finding(where, *change, *options))
         return findings
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:

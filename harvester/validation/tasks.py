@@ -39,7 +39,7 @@ BEAM_FILES = {
     for frequency, levels in LEVELS.items()
     for level in levels
 }
-# Records of the upright base that are fitted; all others are kept aside.
+# Records of the upright base that are fitted; all others are validation records.
 FITTED = ((0, 6.3, 100), (0, 6.3, 150), (0, 9.1, 25), (0, 9.1, 50))
 
 
@@ -52,7 +52,7 @@ def rebound(prepared_scene: Prepared, engine: str, report: Callable) -> tuple[fl
 def deviation_from_other_program(
     prepared_scene: Prepared, engine: str, step: str, other: str, column: str, report: Callable
 ) -> tuple[float, float]:
-    """Root mean square difference from another's path at the knots, as a share of its own rms.
+    """Root mean square difference from another path at the knots, relative to the rms of the path.
 
     `other` is one of `OTHERS`, `column` of `COLUMNS`.
     """
@@ -96,14 +96,14 @@ def silverbox_error(
 def beam_claims(
     place: str, digest: str, prepared_scene: Prepared, report: Callable
 ) -> tuple[float, float]:
-    """Share of the claimed records kept aside that lie within their intervals.
+    """Share of the claimed validation records that lie within their intervals.
 
     The tilt of the base is a constant force, found in each record of another tilt.
     """
 
     def record(tilt, frequency, level):
         file = Path(place) / BEAM_FILES[tilt, frequency, level]
-        # A resistor's voltage has no mean: what is there is the channel's offset.
+        # A resistor's voltage has no mean: a mean is the channel's offset.
         offset = float(np.loadtxt(file, delimiter=",", usecols=3).mean())
         settings = {"time": "0:s", "acceleration": "1:g", "voltage": "3:V"}
         tilt_force = {"oscillator.restoring_force[0]": "free"} if tilt else {}

@@ -46,7 +46,7 @@ class Throughput:
 
 
 def task(scene: Scene, version: str) -> Task:
-    """The task of every way to run a scene's circuit; `version` is that of the circuit."""
+    """The task of every way to run a scene's circuit; `version`: the circuit engine's."""
     settings = {"compiled": "compiled" in version, "knots": KNOTS, "repeats": REPEATS}
     return Task(measured_alone, {"scene": scene, **settings}, version, "throughput")
 
@@ -110,7 +110,8 @@ def measure(
         return Throughput(name, copies, processes, len(done) * count * spacing / seconds)
 
     pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
-    # The ways are measured in turn, so that other work on the machine affects all of them alike.
+    # The ways are measured alternately, so that other work on the machine affects all of them
+    # alike.
     rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 

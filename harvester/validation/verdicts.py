@@ -2,7 +2,7 @@
 
 A reference shares no fault with the answer that is compared with it: the path with a fine one,
 Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
-Each comparison tells how sharp it is. A cell is *right* where no reference disagrees and one at
+Each comparison states its resolution. A cell is *right* if no reference disagrees and one at
 least is known to 2 % or better; else it is *not judged*.
 """
 
@@ -31,7 +31,7 @@ SHARP_ENOUGH = 0.02
 # Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
 # and normal, one matrix in eighty would have a false alarm.
 LARGEST_SIGMAS = 4.0
-# Relative error of the stationary solution beside its stated numerical error (one standard
+# Relative error of the stationary solution in addition to its stated numerical error (one standard
 # deviation), as long simulations showed.
 SOLVER_ERROR = 5e-3
 # Largest deviation of the mean squares along comparable paths, at the step asked for.
@@ -87,7 +87,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
+    """The verdict on one case by one method: one of `WORDS`, the reason, and the evidence."""
 
     word: str = field(metadata=key("verdict"))
     reason: str = ""
@@ -111,7 +111,7 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case: what every engine and closure said of it, and the verdict on each.
+    """One case: the outcome of every engine and closure, and the verdict on each.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class CaseRow:
 
 
 def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
-    """The row of one case from what engines and closures said; `scene` is that of the case."""
+    """The row of one case from the outcomes of engines and closures; `scene`: the case's."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
     answered = {method: answers[method] for method, cell in cells.items() if cell is None}
     for method, answer in answered.items():
@@ -148,7 +148,7 @@ def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> Cas
 
 
 def _without_answer(outcome):
-    """The verdict where there is no answer; None where there is one."""
+    """The verdict if there is no answer; else None."""
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:

@@ -1,4 +1,4 @@
-"""`verify`: exact, published and measured results beside this project's, with their two pages."""
+"""`verify`: exact, published and measured results compared with this project's; two pages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MISSES = "misses"
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One method beside one truth.
+    """One method compared with one truth.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class TruthRow:
 
 
 def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
-    """A method beside a truth: its answer, the error it ended with, or None."""
+    """A method's answer for a truth, the error that ended it, or None."""
     if outcome is None:
         return TruthRow(truth, method, reason=UNFINISHED, ended=UNFINISHED)
     if isinstance(outcome, ProgramNotFound):
@@ -120,7 +120,7 @@ def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
 
 @dataclass(frozen=True, repr=False)
 class Verification(ResultBase):
-    """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
+    """All rows; `harvester verify` shows it. `date`: the current date, in ISO 8601."""
 
     rows: list[TruthRow]
     wall_seconds: float
@@ -131,16 +131,16 @@ class Verification(ResultBase):
 
     @property
     def scene(self) -> None:
-        """None: every result has a scene of its own."""
+        """None: every row has its own scene."""
 
     @property
     def failed(self) -> list[TruthRow]:
-        """Rows that disagree; a measured device that is missed is no fault of the program."""
+        """Rows that disagree, except measured devices."""
         return [row for row in self.rows if row.verdict == FAILS]
 
     @property
     def exact(self) -> list[TruthRow]:
-        """Rows of truths that were derived or computed, not measured."""
+        """Rows whose truth was derived or computed, not measured."""
         return [row for row in self.rows if not row.truth.device]
 
     @property
@@ -156,13 +156,13 @@ class Verification(ResultBase):
         return header, [row.cells() for row in self.rows]
 
     def _findings(self) -> list[str]:
-        """How many rows hold, and everything about those that do not."""
+        """Number of rows that hold, and details of the others."""
         lines = self._exact_sentences()
         if self.measured:
             within = sum(row.verdict == HOLDS for row in self.measured)
             lines.append(
-                f"measured devices: {within} of {len(self.measured)} rows within what reading and "
-                "scatter of the measurement allow"
+                f"measured devices: {within} of {len(self.measured)} rows within the error that "
+                "reading and scatter of the measurement allow"
             )
         for name, rows in _by_device(self.measured).items():
             reason = next((row.reason for row in rows if row.reason), "")
@@ -179,8 +179,8 @@ class Verification(ResultBase):
         count = len(self.exact) - len(others)
         return [
             f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
-            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
-            "as much more as the simulated device differs from that of the exact result.",
+            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, plus "
+            "the known difference between the simulated and the exact device.",
             *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
         ]
 
@@ -198,7 +198,7 @@ class Verification(ResultBase):
             "# Known results",
             "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
-            "exact limits, published powers and other integrators beside this project's results.",
+            "exact limits, published powers and other integrators, next to this project's results.",
             _listed(self._exact_sentences()),
             markdown_table(lines),
             "## Sources",
@@ -220,7 +220,7 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
         Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
         Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
     }
-    # What is neither a request nor a task is the reason why nothing can be computed.
+    # An entry that is neither a request nor a task is the reason why nothing can be computed.
     rows = [
         row_of(truth, method, next(outcomes.get(type(question), iter([question]))))
         for truth, method, question in asked
@@ -230,10 +230,10 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
 
 
 def measured_page(rows: Sequence[TruthRow], date: str) -> str:
-    """Markdown of the rows of measured devices: every point, what is inferred, and the misses."""
-    known, by_device = entries("known_results"), _by_device(rows)
+    """Markdown of the rows of measured devices: every point, inferred values, and deviations."""
+    tables, by_device = entries("known_results"), _by_device(rows)
     parts = []
-    for device in known["device"]:
+    for device in tables["device"]:
         device_rows, name = by_device.get(device["name"], []), device["name"]
         if device_rows:
             scatters = ", ".join(f"{scatter_of(device, f):.2%} at {f} Hz" for f in device["series"])
@@ -241,10 +241,10 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
             parts.append(f"## {name[0].upper()}{name[1:]}")
             parts.append(_listed([*remarks, f"Predicted: {summary(device_rows)}"]))
             parts.append(markdown_table(_points(device_rows)))
-    cures = {entry["device"]: entry["cure"] for entry in known["set"]}
+    cures = {entry["device"]: entry["cure"] for entry in tables["set"]}
     lines = []
     for row in (row for name in cures for row in by_device.get(name, ())):
-        # An exact share, or no more than what others published.
+        # The exact share, or the largest share that others published.
         exact, most = row.truth.exact, row.truth.allowance
         expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
         value = "" if row.reason else f"{row.value:.2%}"
@@ -253,7 +253,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         head = ["set", "result", "by", "expected", "ours", "verdict"]
         parts += [
             "## Sets to download",
-            known["page"]["downloaded"],
+            tables["page"]["downloaded"],
             markdown_table([head, *lines]),
         ]
         parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
@@ -261,7 +261,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         "# Measured against",
         "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
-        known["page"]["opening"],
+        tables["page"]["opening"],
         *parts,
     )
 

@@ -118,7 +118,7 @@ def test_the_only_sub_circuit_with_a_loads_pins_is_the_load(tmp_path):
     part = ".subckt part a b\nR1 a b 1k\n.ends\n"
     load = part + ".subckt mine p n\nX1 p n part\n.ends\n"
     assert read(tmp_path, load).name == "mine"
-    with pytest.raises(NetlistError, match=r"say which by load\.subcircuit"):
+    with pytest.raises(NetlistError, match=r"choose one by load\.subcircuit"):
         read(tmp_path, load + ".subckt other n p\nR1 n p 1\n.ends\n")
-    with pytest.raises(NetlistError, match=r"say which by load\.subcircuit"):
+    with pytest.raises(NetlistError, match=r"choose one by load\.subcircuit"):
         read(tmp_path, part + part.replace("part", "more"))

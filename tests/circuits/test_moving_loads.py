@@ -204,5 +204,5 @@ def test_output_power_by_hand(tmp_path, pool, name):
 @pytest.mark.parametrize("method", BOTH)
 def test_a_turn_too_fast_for_any_run_is_refused(tmp_path, pool, method):
     body = RELAXING.format("1p", "1g", 1, 0.5, 0.2, "1m")
-    with pytest.raises(LoadError, match=r"s1 \(load\.lib:6\) turns by itself"):
+    with pytest.raises(LoadError, match=r"s1 \(load\.lib:6\) toggles endlessly"):
         output_power(tmp_path, body, method, pool)

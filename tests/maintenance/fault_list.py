@@ -306,8 +306,8 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "share * (factor - 1.0), 1.0 + 2.0 * neighbours)",
-        "share * (factor - 1.0), 1.0)",
+        "_raised(variance, series.size / max(factor, 1.0))",
+        "_raised(variance, series.size)",
         EXACT_ERROR,
     ),
     Fault(

@@ -1,4 +1,4 @@
-"""The head of a block's file: what it holds, its pins, and where its accuracy ends."""
+"""The head of a block's file: content, pins, and limits of accuracy."""
 
 from __future__ import annotations
 

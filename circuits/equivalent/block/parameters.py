@@ -1,6 +1,6 @@
-"""The values of a block that people vary, in SI, and what its scaled formulas are made of.
+"""The SI parameters of a block, and the numbers of its scaled formulas.
 
-Formulas are those of the circuit (`harvester.device`), in scaled units. Each of their numbers
+Formulas are taken from `harvester.device`, in scaled units. Each of their numbers
 becomes an expression of SI parameters with + − * / alone, which every simulator reads alike. A
 number's factor is its scaled value over the SI values that it is proportional to, so that nothing
 is scaled here a second time; a number without such a rule is written out as a constant.
@@ -238,7 +238,7 @@ class Parameters:
 
 
 def check_block(ready: Prepared) -> None:
-    """Refuse a scene that no block holds, with what to do.
+    """Raise for a scene that no block can represent, with the remedy.
 
     Raises
     ------
@@ -252,7 +252,7 @@ def check_block(ready: Prepared) -> None:
         )
     if scene.excitation.prescribes_displacement:
         raise NetlistError(
-            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} says where the mass is, "
+            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} prescribes the motion, "
             "and a block's base moves: choose another excitation, or take `--as deck`"
         )
     if any(getattr(contact.law, "holds", 0.0) for contact in ready.system.contacts):

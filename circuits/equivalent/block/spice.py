@@ -24,7 +24,7 @@ PINS = ("p", "n", "base", "x")
 
 
 def subcircuit(name: str, parameters: Parameters) -> str:
-    """The sub-circuit in ngspice's words."""
+    """The sub-circuit in ngspice's syntax."""
     body = [
         "* It starts from start_displacement, start_velocity and start_state: use uic.",
         *_mechanics(parameters),
@@ -76,7 +76,7 @@ def metered(network: Network) -> bool:
 
 
 def nodes_of(network: Network) -> dict[str, str]:
-    """The block's nodes for those of the network that are pins of it."""
+    """The block's nodes for the pins of the network."""
     terminal = "terminal" if metered(network) else "p"
     # The network's node "base" is raised by the base's acceleration; its name is a pin's, so it is
     # renamed.

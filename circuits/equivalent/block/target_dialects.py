@@ -1,4 +1,4 @@
-"""A sub-circuit or deck in ngspice's words, in those of LTspice, PSpice and Xyce.
+"""Translation of a sub-circuit or deck from ngspice to LTspice, PSpice and Xyce.
 
 | here | LTspice | PSpice, Xyce |
 | --- | --- | --- |

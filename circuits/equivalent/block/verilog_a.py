@@ -34,7 +34,7 @@ module {name}({pins});
         place = V(displacement) + start_displacement*{per_length};
         u = V(velocity) + start_velocity*{per_speed};
 
-        // Damper, spring and contacts, per mass over rate^2; below, what the transducer pulls.
+        // Damper, spring and contacts, per mass over rate^2; below, the transducer's force.
 {mechanics}
         pull = 0.0;
 {electrical}

@@ -1,1 +1,1 @@
-"""The circuit that a scene builds, drawn."""
+"""Schematics of a scene's circuit."""

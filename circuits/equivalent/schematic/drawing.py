@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
 TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
-# Distances in schemdraw's units: between parts of the drawing, from a box to what is in it, and the
+# Distances in schemdraw's units: between parts of the drawing, from a box to its content, and the
 # length of a wire that leads out of a box.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
 # If the mechanical side would be wider than this, it continues in a further row.
@@ -66,7 +66,7 @@ class Schematic:
         Raises
         ------
         OutputError
-            Another suffix than .svg and .png, or a place that cannot be written.
+            Another suffix than .svg and .png, or a path that cannot be written.
         """
         suffix = Path(path).suffix.lower()
         if suffix not in FORMATS:
@@ -106,7 +106,7 @@ def schematic(scene: SceneOrName) -> Schematic:
     right, low = _mechanics(pen, circuit, scene.name, electrical)
     call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)
     inner = circuit.find(call.calls)
-    # A load of one element is drawn beside the transducer, a larger one below everything else.
+    # A load of one element is drawn next to the transducer, a larger one below everything else.
     leave = (end, 0.0)
     turn = [(end + 0.4 * LEAD, 0.0)]
     corner = (end + 2.0 * LEAD, 0.0)
@@ -115,7 +115,7 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    # It stands beside the electrical side and above the load, if there is room.
+    # It is next to the electrical side and above the load, if there is room.
     above = len(inner.parts) > 1
     _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)
@@ -137,7 +137,7 @@ def _mechanics(pen, circuit, name, electrical):
 
 
 def _groups(circuit, electrical):
-    """Elements without an electrical node, those that wires join, in the netlist's order."""
+    """Groups of connected elements without an electrical node, in the netlist's order."""
     groups: list[tuple[set, list]] = []
     for part in circuit.parts:
         nodes = set(part.nodes) - {GROUND}
@@ -152,7 +152,7 @@ def _groups(circuit, electrical):
 
 
 def _electronics(pen, circuit, left, transducer, electrical):
-    """Transducer and ammeter; returns the load's call, the point that it hangs on, the rest."""
+    """Transducer and ammeter; return the load's call, its connection point, and the rest."""
     pen.text((left, 1.3), "electrical side", TITLE_SIZE)
     parts = [part for part in circuit.parts if set(part.nodes) & electrical]
     call = next(part for part in parts if part.letter == "x")
@@ -173,7 +173,7 @@ def _electronics(pen, circuit, left, transducer, electrical):
 
 
 def _load(pen, circuit, call, wire, corner, strays):
-    """Draw the load in a box and what is connected to its output; returns the right edge."""
+    """Draw the load in a box and the parts at its output; returns the right edge."""
     inner = circuit.find(call.calls)
     outer = dict(zip(inner.pins, call.nodes, strict=True))
     near = [pin for pin in inner.pins if outer[pin] not in LOAD_SIDE]
@@ -189,7 +189,7 @@ def _load(pen, circuit, call, wire, corner, strays):
             pen.ground((corner[0] - 0.5 * LEAD, y))
         else:
             pen.wire(*wire, (wire[-1][0], y), end)
-    # The upper output's elements stand further out, clear of the lower one's wire.
+    # The upper output's elements are further out, clear of the lower one's wire.
     x = right + LEAD
     for pin in sorted(far, key=height.get):
         hung = [part for part in strays if outer[pin] in part.nodes]
@@ -201,7 +201,7 @@ def _load(pen, circuit, call, wire, corner, strays):
 
 
 def _definitions(pen, inner, corner):
-    """Draw each sub-circuit that the load uses once, in a box of its own."""
+    """Draw each sub-circuit that the load uses once, in a separate box."""
     x, y = corner
     for called in _called(inner):
         half = (len(called.pins) + 1) // 2

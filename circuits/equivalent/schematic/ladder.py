@@ -1,4 +1,4 @@
-"""Where the elements of a schematic are placed.
+"""Layout of a schematic's elements.
 
 Every node of the circuit is drawn as a horizontal line, a rail, and every element as a vertical
 column that connects two rails, as the rungs of a ladder that lies on its side. Elements in series,
@@ -104,7 +104,7 @@ def _columns(parts, rail_nodes):
     for part in parts:
         for node in part.ends:
             ends.setdefault(node, []).append(part)
-    # The gate of a transistor is written beside its own rail, so that the node needs a rail.
+    # The gate of a transistor is written next to its rail, so that the node needs a rail.
     rail_nodes = rail_nodes | {node for part in parts for node in part.beside}
     inner = {n for n, at in ends.items() if n not in rail_nodes and len(at) == 2 and at[0] != at[1]}
     columns: list[Column] = []

@@ -38,14 +38,14 @@ TRANSISTORS = {
     "j": (("gate",), "pjf", ("JFetP2", "JFetN2")),
     "m": (("gate", "bulk"), "pmos|pchan", ("NFet2", "PFet2")),
 }
-# Length of a transistor's control lead. Its text stands beyond it.
+# Length of a transistor's control lead. Its text is beyond it.
 CONTROL_LEAD = 1.4
 
 
 class Pen:
-    """A drawing in progress: its methods note what is to be drawn, and `image` draws all of it.
+    """A drawing in progress: its methods note elements to draw, and `image` draws all of them.
 
-    Places are (x, y) in schemdraw's units, y upwards.
+    Positions are (x, y) in schemdraw's units, y upwards.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Pen:
         colour: str = INK,
         align: str = "left",
     ) -> None:
-        """Write a line of text at a place."""
+        """Write a line of text at a position."""
 
         def draw(library):
             label = library.Label().at(at).theta(0)
@@ -105,18 +105,18 @@ class Pen:
         end: tuple[float, float],
         reverse: bool = False,
     ) -> None:
-        """Draw an element between two places, with its name and value beside it.
+        """Draw an element between two points, with its name and value next to it.
 
         `place` is the circuit or sub-circuit that the element belongs to. Its first node is at
         `start`, or with `reverse` at `end`.
         """
         self.names.append(part.name)
         symbol = _symbol(part, place)
-        # The plus sign of schemdraw's voltage sources is at the end, that of SPICE's at the start,
+        # The plus sign of schemdraw's voltage sources is at the end, in SPICE at the start,
         # and the shape that a pnp transistor is drawn with begins with the emitter.
         turned = reverse != (symbol.endswith("V") or symbol == "BjtNpn2")
         first, last = (end, start) if turned else (start, end)
-        # The control lead points to the right, where the text stands.
+        # The control lead points to the right, towards the text.
         self._add(symbol, first, last, flip=part.letter in TRANSISTORS and first[1] < last[1])
         x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
         upright, lines = start[0] == end[0], words(part)
@@ -130,7 +130,7 @@ class Pen:
     def _add(self, symbol, start, end, colour=INK, dashed=False, flip=False):
         def draw(library):
             across, up = end[0] - start[0], end[1] - start[1]
-            # Sources have a direction of their own, which `to` would not turn.
+            # Sources have a direction, which `to` would not turn.
             angle, length = math.degrees(math.atan2(up, across)), math.hypot(across, up)
             element = getattr(library, symbol)().at(start).theta(angle).length(length)
             element = element.color(colour).linewidth(THIN if dashed else LINE)
@@ -186,13 +186,13 @@ def schemdraw_library() -> Any:
     ------
     MissingLibrary
     """
-    # schemdraw imports matplotlib by itself.
+    # schemdraw imports matplotlib.
     load_matplotlib()
     return optional_library("schemdraw", "a schematic", "schematic")
 
 
 def width(part: Part) -> float:
-    """Width of a column that has room for the element and the text beside it."""
+    """Width of a column that has room for the element and its text."""
     lines = words(part)
     letters = max([len(lines[0]), *(0.8 * len(line) for line in lines[1:])])
     lead = CONTROL_LEAD if part.letter in TRANSISTORS else 0.0
@@ -200,7 +200,7 @@ def width(part: Part) -> float:
 
 
 def words(part: Part) -> list[str]:
-    """The element's name, its value, and what controls it."""
+    """The element's name, its value, and its control."""
     value, control = _value(part), [node for node in part.control if node != GROUND]
     if part.letter in TRANSISTORS:
         names = TRANSISTORS[part.letter][0]

@@ -36,7 +36,7 @@ SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
 # Share of the beam's length by which its tip may sag under its weight.
 MOST_SAG = 0.5
-# Sizes that parts have, and the unit that is often given in place of the key's.
+# Usual sizes of parts, and the unit that is often mistaken for the key's.
 LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
 PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")
@@ -103,7 +103,7 @@ class Beam(Table):
     tip_length: float | None = positive("length of the block", "m", likely=LONG)
     tip_height: float | None = positive("height of the block", "m", likely=LONG)
     tip_width: float | None = positive(
-        "width of the block: that of the beam unless given", "m", likely=LONG
+        "width of the block; default: the beam's width", "m", likely=LONG
     )
     damping_ratio: float | None = not_negative("damping ratio: ζ of the first mode", "1")
     quality_factor: float | None = positive("quality factor: Q = 1/(2ζ)", "1", usual=(1.0, 1e6))
@@ -116,7 +116,7 @@ class Beam(Table):
         likely=(1e-15, 1e-3, 1e-9, "nF"),
     )  # fmt: skip
     strain_limit: float | None = positive(
-        "strain limit: that of the layers' material unless given", "1", likely=STRAIN
+        "strain limit; default: the limit of the layers' material", "1", likely=STRAIN
     )
     fatigue_strain: float | None = positive(
         "strain amplitude of Basquin's line", "1", likely=STRAIN
@@ -139,7 +139,7 @@ class Beam(Table):
 
     @property
     def limit(self) -> tuple[float, str]:
-        """Greatest strain of the layers, and where it stands."""
+        """Greatest strain of the layers, and its position along the beam."""
         named = ACTIVE[self.piezo]
         if self.strain_limit is None:
             return named.strain_limit, f"the limit of {self.piezo} ({named.limit_source})"
@@ -147,13 +147,13 @@ class Beam(Table):
 
     @property
     def fatigue_line(self) -> tuple[float, float, float] | None:
-        """Strain, cycles and exponent of Basquin's line, where it is given."""
+        """Strain, cycles and exponent of Basquin's line, if given."""
         strain, cycles, exponent = (getattr(self, name) for name in FATIGUE)
         return None if strain is None else (strain, cycles, exponent)
 
     @property
     def patch(self) -> tuple[float, float]:
-        """Where the electrodes begin and end (m from the clamp)."""
+        """Beginning and end of the electrodes (m from the clamp)."""
         remaining = self.length - self.piezo_start
         length = remaining if self.piezo_length is None else self.piezo_length
         return self.piezo_start, self.piezo_start + length
@@ -196,7 +196,7 @@ class LumpedBeam(NamedTuple):
         θ = χ/φ(L).
     material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
     rest_capacitance, rest_charge
-        What the modes left out add statically, Σ χr²/ωr² and
+        Static contribution of the residual modes, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio
         ζ
@@ -207,7 +207,7 @@ class LumpedBeam(NamedTuple):
     clamp_compliance
         Rotation of the clamp by a moment (rad/(N m)).
     permittivity_factor
-        By which a measured capacitance changes the layer's permittivity.
+        Factor by which a measured capacitance changes the layer's permittivity.
     """
 
     mass: float
@@ -226,7 +226,7 @@ class LumpedBeam(NamedTuple):
 
     @property
     def capacitance(self) -> float:
-        """The material's, and that of the modes left out."""
+        """Capacitances of the material and of the residual modes."""
         return self.material_capacitance + self.rest_capacitance
 
     @property
@@ -312,7 +312,7 @@ def pieces_of(beam: Beam) -> list[Piece]:
 
 
 def tip_of(beam: Beam) -> Tip:
-    """The body at the tip: by its values, or as a block that stands on the beam's end."""
+    """The body at the tip: by its values, or as a block on the beam's end."""
     mass, inertia = beam.tip_mass, beam.tip_inertia
     if beam.tip_material is not None:
         length, height = beam.tip_length or 0.0, beam.tip_height or 0.0
@@ -324,7 +324,7 @@ def tip_of(beam: Beam) -> Tip:
 
 
 def layer_capacitance(beam: Beam) -> float:
-    """Capacitance of the layers at constant strain, as they are connected."""
+    """Capacitance of the connected layers at constant strain."""
     _, _, _, permittivity = beam.active
     begin, end = beam.patch
     one = permittivity * VACUUM_PERMITTIVITY * beam.width * (end - begin)
@@ -514,4 +514,4 @@ def _check(beam, origin):
             f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
         )
     if beam.tip_mass or beam.tip_inertia:
-        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")
+        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material exclude each other")

@@ -1,7 +1,7 @@
 """`[magnets]`: a magnet at the beam's tip and others on the frame, as a table of force.
 
 The tip's magnet turns with the tip, by φ'(L)/φ(L) for a displacement. Magnets of known size are
-uniformly magnetized: their end faces carry the charge M on each area, and the force is that of all
+uniformly magnetized: their end faces carry the charge M per area, and the force is the sum over all
 charges on each other. Without sizes they are dipoles, U = μ0/4π [m1·m2/r³ − 3 (m1·r)(m2·r)/r⁵]
 (S. C. Stanton, C. C. McGehee and B. P. Mann, Physica D 239, 640 (2010)).
 """
@@ -20,7 +20,7 @@ from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.keys import SI, Key, Table, key, not_negative, positive, table, word
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
-# Sizes that parts have, and the unit that is often given in place of the key's.
+# Usual sizes of parts, and the unit that is often mistaken for the key's.
 LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
 SIZE = Key(low=0.0, low_allowed=False, likely=LENGTH)
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
@@ -101,7 +101,7 @@ class Magnets(Table):
 
     @property
     def frames(self) -> tuple[float, tuple[float, ...]]:
-        """Sign of the frame's dipoles beside the tip's, and their places across the beam."""
+        """Sign of the frame's dipoles relative to the tip's; their positions across the beam."""
         half = self.spacing / 2.0
         return (1.0, (-half, half)) if self.arrangement == "attracting" else (-1.0, (0.0,))
 

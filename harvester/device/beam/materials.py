@@ -1,4 +1,4 @@
-"""Materials by name, each with the page where its values stand.
+"""Materials by name, each with the page of its source.
 
 Values of a batch differ from these by several per cents: a scene may give its own.
 """
@@ -46,15 +46,15 @@ class Piezoceramic(NamedTuple):
     density
         kg/m³
     d31
-        m/V; of layers with the field along the beam d33 in its place.
+        m/V; of layers with the field along the beam d33 instead.
     permittivity
-        Over that of vacuum, at constant strain along the beam.
+        Relative to vacuum, at constant strain along the beam.
     source
-        Where the values stand.
+        Source of the values.
     strain_limit, limit_source
-        Greatest strain that it bears in vibration, and where that stands.
+        Greatest permissible strain in vibration, and its source.
     thickness
-        Of a layer sold in one thickness, for whose whole package the values hold (m).
+        Thickness (m) of a layer sold as a package for which the values hold.
     """
 
     modulus: float
@@ -117,7 +117,7 @@ ACTIVE = {
         "1800 free, 1531 at constant strain)", _DYNAMIC_STRENGTH / 66e9, _STRENGTH),
     "PSI-5H4E": Piezoceramic(
         60.6e9, 7500.0, -16.6 / 60.6e9, 25.55e-9 / VACUUM_PERMITTIVITY, f"{_PROCEEDINGS}, which "
-        "are those of PZT-5H; the maker's own sheet, Piezo Systems, Piezoceramic Materials and "
+        "are values of PZT-5H; the maker's data sheet, Piezo Systems, Piezoceramic Materials and "
         "Properties, p. 1, has 62 GPa, 7800 kg/m³, −320 pm/V, 3800 free",
         _DYNAMIC_STRENGTH / 60.6e9, _STRENGTH),
     "PVDF": _ceramic(3e9, 1780.0, 23e-12, 12.5, f"{_FILM}: modulus 2 to 4 GPa, permittivity 12 to "

@@ -1,6 +1,6 @@
 """Bending modes of a cantilever of uniform pieces with a rigid body at its tip.
 
-Euler–Bernoulli: every piece is solved exactly, so the only error is that of the root search
+Euler–Bernoulli: every piece is solved exactly, so the only error comes from the root search
 (1e-13). The state along the beam is (w, w', EI w'', EI w''').
 """
 
@@ -135,7 +135,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> ResidualModes:
 def shape(
     pieces: Sequence[Piece], tip: Tip, root_compliance: float = 0.0, points: int = 40
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places along the beam (m) and the first mode's displacement there over the tip's."""
+    """Positions along the beam (m) and the first mode's displacement there over the tip's."""
     frequency = modes(pieces, tip, 1, root_compliance)[0].angular_frequency
     value = math.sqrt(frequency / _square_root_scale(pieces))
     places, values, begin = [0.0], [0.0], 0.0

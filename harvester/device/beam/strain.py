@@ -2,7 +2,7 @@
 
 The first mode's curvature follows the displacement. The modes left out are taken as static: under
 a voltage the beam bends as a short piece, EI w'' = −ϑ V, and under an acceleration of the base by
-its bending moment; what the first mode has of both is taken off. A layer on one side also stretches
+its bending moment; the first mode's part of both is subtracted. A layer on one side also stretches
 the beam.
 """
 
@@ -20,14 +20,14 @@ class FibreStrain(NamedTuple):
     Attributes
     ----------
     position
-        From the clamp (m).
+        Distance from the clamp (m).
     per_displacement : strain for each metre of the tip (1/m).
     per_volt : strain of the modes left out for each volt (1/V).
     per_acceleration
-        The same for each m/s² of the base (s²/m).
+        Strain per m/s² of the base's acceleration (s²/m).
     modulus : stress for each strain, electrodes short-circuited (Pa).
     stress_per_volt
-        What a layer's field adds to the stress (Pa/V).
+        Stress per voltage by a layer's field (Pa/V).
     """
 
     position: float

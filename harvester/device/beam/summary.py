@@ -22,7 +22,7 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value.
 
-    Equation numbers are those of docs/explanation/beams.md.
+    Equation numbers refer to docs/explanation/beams.md.
     """
     values = lumped(beam)
     several, strain = frequencies(beam), strain_of_layers(beam)

@@ -38,9 +38,9 @@ from harvester.scene.steps import (
 from harvester.statistics.moments import Moments
 from harvester.statistics.several import TOGETHER, SeveralMoments
 
-# So many realizations are stepped together. More are hardly faster.
+# Number of realizations that are stepped together. More are hardly faster.
 MOST_TOGETHER = 64
-# So many segments between knots are computed at a time, counted over all realizations. Their noise
+# Segments between knots that are computed at a time, over all realizations. Their noise
 # and, if points are kept, these then stay in the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 
@@ -138,7 +138,7 @@ def integrate(
         A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
         point; overwritten by the next; without room for a point if none is wanted.
     ndarray of int64, shape (len(paths),)
-        How many points of each are meant.
+        Number of points of each.
 
     Raises
     ------

@@ -2,8 +2,8 @@
 
 All take the same steps between the knots of their noise. In free flight they do so in one loop
 without branches, which LLVM turns into instructions for eight of them at a time. Those in contact,
-and those that the flight would bring into one, are gathered and stepped apart in a loop of the same
-kind, each with steps of its own, until they are at the step's end again.
+and those that free flight would bring into one, are gathered and stepped apart in a loop of the
+same kind, each with individual steps, until they are at the step's end again.
 
     realization   |------- step -------|------- step -------|
          0        o--------------------o--------------------o    free flight: `_fly`
@@ -11,8 +11,8 @@ kind, each with steps of its own, until they are at the step's end again.
          2        o--------------------o--------------------o    `_try` and `_go_on` until it
          …                                                       is at the step's end: `_arrive`
 
-Nothing is shared and no operation is reordered: a realization's numbers do not depend on what runs
-beside it.
+Nothing is shared and no operation is reordered: a realization's numbers do not depend on its
+neighbours.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ END_REACTION, CONTACT_DAMPING, EXCITED, LEAVES = range(
 
 
 class BatchWorkspace(NamedTuple):
-    """Where the realizations are, and room to work in.
+    """States of the realizations, and work arrays.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class BatchWorkspace(NamedTuple):
         All realizations, and copies of those stepped apart; shape (blocks of eight,
         ROWS · 8).
     which
-        The realization that stands in each place of `apart`.
+        Index of the realization in each slot of `apart`.
     points
-        Of each realization since it was last zero.
+        Number of points of each realization since its last reset.
     columns
         The recorded points, shape (realizations, fields of `Record`, points); of length 0 if
         none are kept.
@@ -80,7 +80,7 @@ class BatchWorkspace(NamedTuple):
     def of(
         cls, s: System, starts: Sequence[tuple[float, float, float]], points: int
     ) -> BatchWorkspace:
-        """Realizations at their starts, with room for so many points each, at least 2 or none.
+        """Realizations at their starts, with memory for a number of points each: 0 or at least 2.
 
         A start is (X, X', transducer's state).
         """
@@ -89,7 +89,7 @@ class BatchWorkspace(NamedTuple):
         edges = contact.edges(s.contacts)
         for k in range(blocks * TOGETHER):
             state = states[k // TOGETHER, :, k % TOGETHER]
-            # Places behind the last realization are padding: they repeat its start.
+            # Slots after the last realization are padding: they repeat its start.
             x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
             held, ends = system.held_impact_speed(s, x, v), edges[zone : zone + 2]
@@ -144,7 +144,7 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_sample
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # A loop over a constant number would be unrolled place by place. One realization alone takes as
+    # A loop over a constant number would be unrolled slot by slot. One realization alone takes as
     # long as eight, or less.
     lanes = noise.shape[2] if room.points.size > 1 else 1
     room_for = room.columns.shape[2]
@@ -217,7 +217,7 @@ def _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, states):
 def _try(scheme, s, count, lanes, apart):
     """Step those set apart as if none left its zone.
 
-    Blocks are stepped whole: results in places that hold no realization are not used.
+    Blocks are stepped whole: results in slots without a realization are not used.
     """
     for block in range((count + TOGETHER - 1) // TOGETHER):
         cells = apart[block]
@@ -368,7 +368,7 @@ def _powers(s, v, state, noise, contact_damping):
 def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """Add a point to a realization's sums.
 
-    Its motion and its excitation begin at these rows of `cells`, in the place `i`; `rows` and `k`
+    Its motion and its excitation begin at these rows of `cells`, in the slot `i`; `rows` and `k`
     are where the sums are.
     """
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]

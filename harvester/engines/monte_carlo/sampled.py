@@ -1,6 +1,6 @@
-"""States of a device at the samples of a measured excitation, in windows with starts of their own.
+"""States of a device at the samples of a measured excitation, in windows with separate starts.
 
-The steps are those of Monte Carlo: on the samples, on the beginnings and ends of contacts, and
+The steps are chosen as in Monte Carlo: on the samples, on the beginnings and ends of contacts, and
 resolving a contact more finely.
 """
 
@@ -14,8 +14,8 @@ from harvester.device.schemes import one_step, scheme_of
 from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 
-# Steps per contact, four times those of Monte Carlo: an error of the contact's beginning would bias
-# the identified values of a stopper.
+# Steps per contact, four times as many as in Monte Carlo: an error of the contact's beginning would
+# bias the identified values of a stopper.
 STEPS_PER_CONTACT = 120
 # A trial device whose scaled displacement, velocity or voltage exceeds this has diverged.
 LARGEST_STATE = 1e9
@@ -40,7 +40,7 @@ def states_at_samples(
     every : int
         Knots from sample to sample.
     edges : ndarray of int, shape (windows + 1,)
-        Samples at which windows begin, ascending, and behind them the end of the last one.
+        Samples at which windows begin, ascending, followed by the end of the last window.
     starts : ndarray, shape (windows, 3)
         X, X' and the transducer's state at each window's first sample, scaled; a window with NaN is
         left out.
@@ -50,7 +50,7 @@ def states_at_samples(
     ndarray, shape (samples, 3)
         From the first window's first sample on; NaN from where a solution has run away.
     ndarray, shape (windows, 3)
-        State at the first sample behind each window; at the record's end at its last sample.
+        State at the first sample after each window; at the record's end at its last sample.
     """
     states = np.full((edges[-1] - edges[0], 3), np.nan)
     ends = np.full((edges.size - 1, 3), np.nan)

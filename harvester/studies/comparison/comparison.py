@@ -1,4 +1,4 @@
-"""One scene by circuit, Monte Carlo and averaging, side by side: what `validate` returns."""
+"""One scene by circuit, Monte Carlo and averaging, compared: the result of `validate`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ LIMITS = {
     "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
     "a jump between wells",
 }
-# The waveform shows so many periods of small oscillations.
+# Number of periods of small oscillations in the waveform.
 SHOWN_PERIODS = 20
 
 
@@ -87,7 +87,7 @@ class Comparison(ResultBase):
 
     @property
     def compared(self) -> tuple[str, ...]:
-        """Names of the quantities that stand side by side."""
+        """Names of the quantities that are compared."""
         quantities = self.monte_carlo.scaled_quantities
         return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
 
@@ -154,7 +154,7 @@ class Comparison(ResultBase):
         """Table, findings and pictures."""
         from harvester.studies.comparison.report import draw_comparison
 
-        # p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours.
+        # p(X, X') of the stationary solver and of Monte Carlo, on the same grid and colour scale.
         joint = [*self.closures.values(), self.monte_carlo]
         return View(
             self._table(),
@@ -196,7 +196,7 @@ class Comparison(ResultBase):
         ]
 
     def _rows(self, name):
-        """A quantity's row, and behind a mean square without a root in the results that of it."""
+        """Row of a quantity, and for a mean square the row of its root, if results have none."""
         circuit = self.circuit.quantity(name)
         paired = self.paired.get(name)
         factor, unit = self.circuit.in_print(name, circuit)
@@ -237,7 +237,7 @@ class Comparison(ResultBase):
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
-        # If no quantity has an error bar, the verdict says so already.
+        # If no quantity has an error bar, the verdict reports that already.
         lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
         lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
@@ -277,7 +277,7 @@ class Comparison(ResultBase):
             within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%}"
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
-        # Runs without chance may have a difference of 0.
+        # Runs without noise may have a difference of 0.
         worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}
@@ -326,7 +326,7 @@ class Comparison(ResultBase):
         ]
 
     def _reasons_without_error_bar(self, name):
-        """The first engine's reason, if one says it."""
+        """The first engine's reason, if it has one."""
         pair = [result.scaled_quantities.get(name) for result in self._engines()]
         return [mean.note for mean in pair if mean is not None and mean.note][:1]
 

@@ -1,4 +1,4 @@
-"""The spectrum of what drives a device."""
+"""The spectrum of a device's excitation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
-# At most so many knots of the path are transformed, divided into so many segments.
+# Largest number of knots of the path that are transformed, and number of their segments.
 MOST_KNOTS, SEGMENTS = 2**18, 32
 # The density is drawn down to this share of its peak. Below it lies the leakage of a sine.
 LEAST_SHARE = 1e-8

@@ -39,7 +39,7 @@ LEGEND = (
     "Monte Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
 )
 JOINT_CAPTION = (
-    "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "
+    "Displacement and velocity together, on the same grid and colour scale; dots: wells, crosses: "
     "saddles."
 )
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")

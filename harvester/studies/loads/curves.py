@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.statistics.batch_means import standard_error
 
-# An interval reaches so many standard errors to either side.
+# Half width of an interval, in standard errors.
 INTERVAL = 2.0
 EDGE = "at the edge of the sweep: no interval"
 
@@ -25,9 +25,9 @@ class CurveOptimum:
     Attributes
     ----------
     best
-        Place of the highest point; None where no point has a value.
+        Index of the highest point; None if no point has a value.
     place
-        Position of the maximum between the points; nan at an edge.
+        Position of the maximum between the points; NaN at an edge.
     low, high
         Ends of the maximum's interval; nan where there is none.
     """
@@ -128,7 +128,7 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
     """Standard error of a weighted sum of means on common noise.
 
     The first realizations of all series are on the same noise; where one has more than another,
-    only what they share cancels.
+    only their common part cancels.
 
     Parameters
     ----------

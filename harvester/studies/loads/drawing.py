@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
-# An error bar reaches so many standard errors to either side.
+# Half length of an error bar, in standard errors.
 BARS = 2.0
 # Shown in figure and table: the first for a load with an output, else the second.
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
@@ -89,7 +89,7 @@ def _colours():
 
 
 def _draw(study, label, value, more):
-    """A panel for each place of the other sweeps, with a curve for each load."""
+    """A panel for each point of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
     places = np.array(study.grid.sweeps[key] if key else (0.0,))
     panels = [
@@ -112,11 +112,11 @@ def _draw(study, label, value, more):
 
 
 def _finish(study, other, more, axes):
-    """Finish the axes: names of the loads where nothing is swept, and what `more` draws."""
+    """Finish the axes: names of the loads if nothing is swept, and drawings by `more`."""
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
-        # The same points in every figure, explained in the legend.
+        # The points are the same in every figure, and explained in the legend.
         axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")
     more(study, other, axes)
 

@@ -53,7 +53,7 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# Sources of the load feed an output if no larger share of what it uses is harvested.
+# An output counts as supplied by the load's sources if no larger share of its power is harvested.
 LEAST_HARVESTED = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
@@ -64,15 +64,15 @@ class Evaluation(Cell):
     """The answer at one point of a load study.
 
     Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
-    what leaves the transducer.
+    energy that leaves the transducer.
 
     Attributes
     ----------
     series : ndarray, shape (realizations, batches), or None
         Output power, in the scene's units.
     power_error : float
-        Standard error of the output power, nan where there is none, also where `estimates`
-        withholds it for a run too short for what is slow.
+        Standard error of the output power, NaN where there is none, also where `estimates`
+        withholds it because the run is too short for its slow quantities.
     waveform
         Beginning of the first realization, rows as in `Record`, in the scene's units.
     """
@@ -92,7 +92,7 @@ class Evaluation(Cell):
         if self.is_supplied:
             sources = (name for name in self.estimates if name.startswith(SUPPLIED))
             names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
-            return f"{names} in the load supplies what its output uses: nothing is harvested"
+            return f"{names} in the load supplies the output's whole power: nothing is harvested"
         if fed_by_stores(self.estimates):
             return "its stores, not the device, feed the output: raise run.settle"
         return "no power reaches its output" if self.power <= 0.0 else ""
@@ -126,7 +126,7 @@ def evaluating(
         Engine or closure.
     version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
-        Relative error of the output power, what the steps may cost included; None: the scene's own
+        Relative error of the output power, possible step error included; None: the scene's own
         run.
     """
     prepared_scene = prepared(scene)
@@ -214,7 +214,7 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
 def series_of(prepared_scene: Prepared, good: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks batch by batch, in the scene's units, or None.
 
-    Of several realizations without noise it is the mean over those on the followed orbit.
+    For several realizations without noise it is the mean over those on the followed orbit.
     """
     if not good:
         return None

@@ -1,9 +1,9 @@
-"""The circuit as judge of a load study: the same noise by both engines, at a few of its places.
+"""Cross-check of a load study by the circuit: the same noise by both engines, at a few points.
 
-At each load's highest point, where the study's answer comes from, and at a place drawn at random.
+At each load's highest point, where the study's answer comes from, and at a point drawn at random.
 Paths of a device between its wells diverge after some ten periods, however well they are computed,
 so that long runs show a difference to some percent only. The first periods from rest show it to
-some tenths of a percent; the settled part adds what they lack, a charged store.
+some tenths of a percent; the settled part adds the charged store that they lack.
 """
 
 import math
@@ -34,7 +34,7 @@ from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
-# Both engines run so many realizations of a place: of its own length, and of the first periods
+# Realizations of one point by both engines: of full length, and of the first periods
 # alone.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
 # The early power is compared if it is at least this share of the settled one. Before a store is
@@ -44,7 +44,7 @@ LEAST_EARLY_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Proof:
-    """The circuit's result at one place of a study.
+    """The circuit's result at one point of a study.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Proof:
         Standard error of the paired difference, widened where realizations are few; nan where there
         is no difference.
     early_difference, early_standard_error : float
-        The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
+        Difference over the first `PERIODS` periods from rest; NaN if it cannot be computed.
     trouble
         The reason why a difference is missing (the settled part's first); "" if none is.
     """
@@ -91,7 +91,7 @@ class Proof:
 def places_to_prove(
     grid: Grid, evaluations: Sequence[Evaluation], seed: int
 ) -> list[tuple[int, bool]]:
-    """(place among the grid's points, whether it is a highest one), in the grid's order.
+    """(point among the grid's points, whether it is a highest one), in the grid's order.
 
     Every curve's highest point that is ranked, and of each load one of the others with a power by
     chance.
@@ -118,7 +118,7 @@ def places_to_prove(
 def proving(
     place: int, highest: bool, scene: Scene, first: tuple[Engine, str], judge: tuple[Engine, str]
 ) -> Generator[Wanted, list, Proof]:
-    """A plan for `Runner.follow` that returns the Proof of one place.
+    """A plan for `Runner.follow` that returns the Proof of one point.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _difference(prepared_scene, costs, ours, theirs):
 
     The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
     cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty. Without noise
-    what the steps of both may cost is part of the error.
+    the possible step errors of both are part of the error.
     """
     scene, powers = prepared_scene.scene, []
     for answers in (ours, theirs):

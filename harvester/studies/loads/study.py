@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 # settling.
 DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
-    "columns: output power (harvested), efficiency and realizations are those of the highest "
+    "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
     "neighbours; interval: of that maximum, 95 %"
 )
@@ -72,7 +72,7 @@ PROOF_SHARE = 0.2
 
 @dataclass(frozen=True, repr=False)
 class LoadStudy(ResultBase):
-    """A load study's points, how it ended, and what follows: optima, ranking, verdict.
+    """A load study's points, outcome, optima, ranking and verdict.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class LoadStudy(ResultBase):
     proofs
         Comparisons with the circuit, at the points that were chosen for it.
     out_of_time
-        The time budget ended it: the same call again goes on.
+        The time budget ended it: repeat the call to continue.
     computed, reused
         Tasks.
     warnings : tuple of str
@@ -150,7 +150,7 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def curves(self) -> np.ndarray:
-        """Evaluations with the optimum's sweep last: loads, other sweeps, places."""
+        """Evaluations with the optimum's sweep last: loads, other sweeps, points."""
         if self.grid.curve is None:
             return self.cells[..., None]
         return np.moveaxis(self.cells, self.grid.curve + 1, -1)
@@ -176,7 +176,7 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
-        """(order, differences) at each place of the other sweeps."""
+        """(order, differences) at each point of the other sweeps."""
         loads = self.grid.loads
         rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
@@ -187,7 +187,7 @@ class LoadStudy(ResultBase):
         return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
-        """Places of the other sweeps with their values as text, "" where there are none."""
+        """Points of the other sweeps with their values as text, "" where there are none."""
         _, keys = self.curve_keys
         values = [self.grid.sweeps[key] for key in keys]
         for other in itertools.product(*(range(len(axis)) for axis in values)):
@@ -271,7 +271,7 @@ class LoadStudy(ResultBase):
         return f"{words} = {quantity(value, unit)}"
 
     def _findings(self) -> list[str]:
-        """The ranking, what precision was reached, how it ended, what was run."""
+        """Sentences on the ranking, the precision reached, the outcome and the work done."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
         names = {name for evaluation in self.evaluations for name in evaluation.estimates}
@@ -292,8 +292,7 @@ class LoadStudy(ResultBase):
                 "and more of them" * bool(self.precision)
             )
         lines.append(
-            f"{self.computed} tasks computed, {self.reused} taken from before; "
-            f"{self.wall_seconds:.0f} s"
+            f"{self.computed} tasks computed, {self.reused} reused; {self.wall_seconds:.0f} s"
         )
         return lines
 
@@ -312,7 +311,7 @@ class LoadStudy(ResultBase):
         verdicts += [f"agrees at {checked - apart}"] * (checked > apart)
         verdicts += [f"not checked at {len(proofs) - checked}"] * (len(proofs) > checked)
         head = (
-            f"cross-check with the circuit on the same noise at {len(proofs)} places (the optima, "
+            f"cross-check with the circuit on the same noise at {len(proofs)} points (the optima, "
             f"others at random): {', '.join(verdicts)}"
         )
         return [head, *(f"  {self._proof(proof)}" for proof in proofs)]
@@ -381,7 +380,7 @@ class LoadStudy(ResultBase):
         """The study as an xarray Dataset in the scene's units.
 
         Dimensions: load, one per sweep by its dotted key, and `better`, `worse` for paired
-        differences at the optima, `sample` for waveforms. Every quantity stands next to its
+        differences at the optima, `sample` for waveforms. Every quantity is next to its
         `…_standard_error`. No time of day and no duration: equal studies are equal.
         """
         grid = self.grid
@@ -510,7 +509,7 @@ def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
 def proofs(
     runner: Runner, grid: Grid, engines: tuple[Engine, Engine], evaluations: list[Evaluation]
 ) -> list[Proof]:
-    """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
+    """The circuit compared with Monte Carlo, on the same noise, at chosen points of the latter."""
     first, judge = ((engine, runner.version(engine.name)) for engine in engines)
     return runner.follow(
         [

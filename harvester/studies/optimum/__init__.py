@@ -1,1 +1,1 @@
-"""Where one parameter, or several, make a mean largest."""
+"""Optimum of a mean over one parameter or several."""

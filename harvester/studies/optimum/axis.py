@@ -11,7 +11,7 @@ from harvester.scene.numbers import number
 LOGARITHMIC = 3.0
 # A flat region below this share of the range counts as narrow.
 NARROW = 0.02
-# An interval reaches so many standard errors to either side.
+# Half width of an interval, in standard errors.
 INTERVAL = 2.0
 # Default range: the scene's value divided by and multiplied by this.
 SPAN = 10.0
@@ -34,7 +34,7 @@ class Axis:
     def of(cls, scene: Scene, key: str, low: float | None, high: float | None) -> "Axis":
         """A key of the scene and its range, checked.
 
-        `low`, `high` None: a tenth and ten times the scene's value, within what the key allows.
+        `low`, `high` None: a tenth and ten times the scene's value, within the key's limits.
 
         Raises HarvesterError: no such key, no range, or a value that the scene cannot have.
         """
@@ -83,7 +83,7 @@ class OptimalParameter:
     Attributes
     ----------
     standard_error
-        Standard error of the place, where a curve was fitted for it.
+        Standard error of the optimum, if a curve was fitted for it.
     flat_low, flat_high : float
         Range of this parameter, the others held, in which the quantity is not significantly more
         than 1 % below the maximum; nan where the runs are too short to decide, or it was not

@@ -1,7 +1,7 @@
-"""How far each parameter may go from a maximum before its height is lost.
+"""Flat region of a maximum: the range of each parameter without a significant loss.
 
-Places further and further out along each axis are compared with the maximum on the same noise, so
-that a difference is known better than either value. Where a place turns out to be higher, the
+Points further and further out along each axis are compared with the maximum on the same noise, so
+that a difference is known better than either value. Where a point turns out to be higher, the
 search moves there and begins again.
 """
 
@@ -14,26 +14,27 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
-# A place belongs to the flat region if it loses at most this share, within so many standard errors.
+# A point belongs to the flat region if it loses at most this share, within this many standard
+# errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # The first step outwards is the distance to the end of the range, halved HALVINGS times. The edge
 # is then located by REFINEMENTS further halvings, by more for a method WITHOUT_NOISE.
 HALVINGS, REFINEMENTS, WITHOUT_NOISE = 6, 2, 8
-# A place counts as higher if its excess is more than HIGHER standard errors and more than the share
+# A point counts as higher if its excess is more than HIGHER standard errors and more than the share
 # SHARE_HIGHER.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
-# The region is sought around at most this many places, each higher than the one before.
+# The region is sought around at most this many points, each higher than the one before.
 MOVES = 6
 
 
 @dataclass(frozen=True)
 class FlatSide:
-    """How far the maximum is flat on one side of one axis.
+    """Extent of the flat region on one side of one axis.
 
     Attributes
     ----------
     end : float
-        Coordinate of the furthest place that is still flat; nan where the runs are too short for
+        Coordinate of the furthest point that is still flat; nan where the runs are too short for
         errors of differences.
     is_open
         It is the end of the range, or nothing was lost up to there.
@@ -44,9 +45,9 @@ class FlatSide:
 
 
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
-    """Climb to a place that no other along an axis exceeds, and measure how flat it is there.
+    """Climb to a point that no other along an axis exceeds, and measure how flat it is there.
 
-    `place` holds coordinates; `stage` is the number of the noise stream. Returns the place, its
+    `place` holds coordinates; `stage` is the number of the noise stream. Returns the point, its
     answer, and (FlatSide below, FlatSide above) for each axis.
     """
     (answer,) = objective.answers([place], stage, moments=True)
@@ -61,7 +62,7 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
 
 
 def _look_around(objective, place, answer, stage):
-    """The rays from a place with what is flat on each, and (place, answer) of a higher one."""
+    """Rays from a point with the flat part of each, and (point, answer) of a higher one."""
     rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
@@ -81,7 +82,7 @@ def _look_around(objective, place, answer, stage):
 
 
 class _Ray:
-    """The line from a place along one axis to an end of its range."""
+    """A line from a point along one axis to an end of its range."""
 
     def __init__(self, axis, way, place):
         self._axis, self._way, self._place = axis, way, place
@@ -89,7 +90,7 @@ class _Ray:
         self.flat, self.known = {}, True
 
     def at(self, reach):
-        """The place so far out, as a share of the ray."""
+        """The point so far out, as a share of the ray."""
         moved = list(self._place)
         moved[self._axis] = min(max(moved[self._axis] + self._way * reach * self._length, 0.0), 1.0)
         return tuple(moved)

@@ -49,19 +49,20 @@ from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
-# Places of averaging's scan; places between the neighbours of its highest; degree of the polynomial
-# through them; places of a fit to simulations.
+# Points of averaging's scan; points between the neighbours of its highest; degree of the polynomial
+# through them; points of a fit to simulations.
 SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 # Half width of the fitted window as a share of the range, at first and at least. The window is
 # halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Two standard errors of the place may be this share of the window's half width. Otherwise the next
-# round has the realizations that would reach it, and this reserve; at most so many times as many.
+# Two standard errors of the optimum may be this share of the window's half width. Otherwise the
+# next round has the realizations that would reach it, and this reserve; at most so many times as
+# many.
 WANTED, RESERVE, TIMES_REALIZATIONS = 0.15, 1.2, 4.0
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16.0, "circuit": 1.0}
-# A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
-# this share of the fall within the window.
+# A narrower window is fitted if a value deviates from the cubic by this number of standard errors,
+# and by this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
 # A maximum must exceed the ends of its window by STANDS_OUT of itself; less is a plateau. The
 # window is not narrowed if the fall is below NARROWED: a kink looks the same at every scale, and no
@@ -83,7 +84,7 @@ def along(
     precision: float | None = None,
 ) -> Optimum:
     """The optimum over one parameter, all of it but its time."""
-    # One spacing of knots for the whole range: else places would not share their noise.
+    # One spacing of knots for the whole range: else points would not share their noise.
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
     (device,) = on_common_knots([scene], ends)
     location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
@@ -92,7 +93,7 @@ def along(
         location, value, reason = averaged(device, axis, quantity, closure, runner)
 
     def begin():
-        # The number of windows is not known: each takes half of what is left.
+        # The number of windows is unknown: each takes half of the remaining progress.
         low = max(stages.share, 0.3)
         stages.begin(low, 0.5 * (low + 0.9), "simulation")
 
@@ -130,7 +131,7 @@ def amount(answer: Answer, quantity: str) -> float:
 def averaged(
     scene: Scene, axis: Axis, quantity: str, closure: str, runner: Runner
 ) -> tuple[float | None, float | None, str]:
-    """(place, value, reason) of the maximum by averaging; place and value None with a reason."""
+    """(point, value, reason) of the maximum by averaging; point and value None with a reason."""
 
     def values(coordinates):
         places = [axis.value(c) for c in coordinates]
@@ -168,9 +169,9 @@ def averaged(
 
 
 class Search:
-    """The maximum of a quantity by simulation, all places on the same noise.
+    """The maximum of a quantity by simulation, all points on the same noise.
 
-    `scene`: the scene, with one knot spacing for all places; `begin`: called before each window.
+    `scene`: the scene, with one knot spacing for all points; `begin`: called before each window.
     """
 
     def __init__(
@@ -189,9 +190,9 @@ class Search:
         self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
-        """Place with its standard error, and the values that it was fitted to.
+        """Point with its standard error, and the values that it was fitted to.
 
-        `start`: coordinate to begin at; None: the highest of some places over the whole range.
+        `start`: coordinate to begin at; None: the highest of some points over the whole range.
         """
         centre = self._highest() if start is None else start
         half = WINDOW
@@ -218,7 +219,7 @@ class Search:
         )
 
     def request(self, coordinate: float, **options: Any) -> Request:
-        """The request for one place, with the number of realizations that the precision needs."""
+        """The request for one point, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
         more = math.ceil(self._more * self.scene.run.realizations)
         realizations = None if self._more == 1.0 else more
@@ -232,7 +233,7 @@ class Search:
         return answers
 
     def _highest(self):
-        """Coordinate of the highest of some places over the range."""
+        """Coordinate of the highest of some points over the range."""
         grid = np.linspace(0.0, 1.0, PLACES)
         values = [amount(answer, self.quantity) for answer in self._answers(grid)]
         return float(grid[np.argmax(values)])
@@ -273,7 +274,7 @@ class Search:
         )
 
     def _refuse_flat(self, window, answers, flat, otherwise):
-        """Refuse places between which nothing differs: where all are 0, for that reason."""
+        """Refuse points between which nothing differs: where all are 0, for that reason."""
         values = [answer.in_units()[self.quantity] for answer in answers]
         unit = unit_of(self.scene, values[0].dimension)
         places = ", ".join(
@@ -282,7 +283,7 @@ class Search:
         )
         advice = f"{flat}: {places}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
-            advice = f"is 0 within its errors at all {len(values)} places: {NOTHING}"
+            advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self, times=TIMES_REALIZATIONS):
@@ -305,7 +306,7 @@ class Search:
         ]
         place = self.axis.value(coordinate)
         if isinstance(self.method, Engine) and not self.scene.excitation.random:
-            # Steps that cost more at one place than at another move the maximum by such a share.
+            # A step error that differs between points moves the maximum by such a share.
             there = self.scene.replace({self.axis.key: place})
             cost = step_error(prepared(there), self.method.step, self.method.name)
             error = math.hypot(error, cost * place)
@@ -323,12 +324,12 @@ class Search:
 
 
 def _spread(centre, half):
-    """Coordinates of the places in a window."""
+    """Coordinates of the points in a window."""
     return centre + half * np.linspace(-1.0, 1.0, PLACES)
 
 
 class CubicFit:
-    """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
+    """Cubic through values at points from −1 to 1, with errors from the noise they share.
 
     `error_of`: the error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
 
@@ -337,7 +338,7 @@ class CubicFit:
     place, error
         Position of the maximum, and its error from noise.
     bias : float
-        How far a spline through the values has its maximum from there, where values lie off the
+        Distance of a spline's maximum from there, if values deviate from the
         cubic beyond chance.
     slope
         Slope at the middle of the window.
@@ -348,7 +349,7 @@ class CubicFit:
     misfit
         Whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
-        −1 or 1, the end that the values do not surely fall to from the place nearest to the
+        −1 or 1, the end that the values do not surely fall to from the point nearest to the
         maximum; 0: they fall to both.
     noisy_ends
         Whether longer runs could decide that.

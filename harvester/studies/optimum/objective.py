@@ -49,9 +49,9 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 
 
 class Objective:
-    """A quantity at places in the unit cube of some axes.
+    """A quantity at points in the unit cube of some axes.
 
-    `begin`: given the numbers of places that are evaluated before and after a list of them.
+    `begin`: given the numbers of points that are evaluated before and after a list of them.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class Objective:
         self.evaluated = 0
 
     def values_at(self, place: Sequence[float]) -> dict[str, float]:
-        """The parameters at a place."""
+        """The parameters at a point."""
         return {a.key: a.value(float(c)) for a, c in zip(self.axes, place, strict=True)}
 
     def scene_at(self, place: Sequence[float], stage: int = 0) -> Scene:
-        """The scene at a place; each stage of a search has noise of its own."""
+        """The scene at a point; each stage of a search has different noise."""
         changes = self.values_at(place)
         if stage and self.noisy:
             words = np.random.SeedSequence(self.scene.run.seed, spawn_key=(stage, 0))
@@ -86,7 +86,7 @@ class Objective:
         return self.scene.replace(changes)
 
     def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
-        """Answers at places, or the error in its place.
+        """Answers at points; at points that fail, the error.
 
         `**options`: of the `Request`.
         """

@@ -1,4 +1,4 @@
-"""Where to look next for the maximum of a noisy quantity of several parameters.
+"""Proposals of points for the maximum of a noisy quantity of several parameters.
 
 By Optuna's tree-structured Parzen estimator (Bergstra et al., NeurIPS 24 (2011); Akiba et al.,
 KDD (2019)), which takes several parameters together and forgives runs that fail. It was chosen by
@@ -8,15 +8,15 @@ of the range below 0.01), and the median and largest loss, as shares of the maxi
 5 % of it: the Branin function (two parameters, 120 evaluations) and Hartmann's of three (160).
 
 ====================================  =======  ===========  ===========  =================
-method                                lowest   Branin       Hartmann 3   s for 500 places
+method                                lowest   Branin       Hartmann 3   s for 500 points
 ====================================  =======  ===========  ===========  =================
 Parzen estimator, Optuna              0.0171   0.7, 3.7 %   1.7, 4.7 %   9
 CMA-ES with restarts, cma             0.0169   0.7, 3.1 %   2.5, 12.6 %  0.2
 CMA-ES, Optuna                        0.0093   1.8, 4.6 %   2.0, 5.6 %   3
 differential evolution                0.0170   2.2, 6.3 %   2.5, 8.4 %   0.1
 at random                             0.0168   2.2, 5.1 %   4.3, 8.9 %   0
-Gaussian process, scikit-optimize     —        0.3, 0.4 %   —            50 for 80 places
-extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 for 200 places
+Gaussian process, scikit-optimize     —        0.3, 0.4 %   —            50 for 80 points
+extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 for 200 points
 ====================================  =======  ===========  ===========  =================
 
 A Gaussian process does better still in few evaluations of a smooth function, at half a second for
@@ -32,15 +32,15 @@ import numpy as np
 
 from harvester.base.libraries import optional_library
 
-# Places proposed at a time. The number does not depend on the workers, since the answers decide the
-# next places.
+# Points proposed at a time. The number does not depend on the workers, since the answers decide the
+# next points.
 BATCH = 8
 
 
 class Proposals:
-    """Proposes places in the unit cube; the same ones for the same answers.
+    """Proposes points in the unit cube; the same ones for the same answers.
 
-    `first`: a place to begin with.
+    `first`: a point to begin with.
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):
@@ -62,12 +62,12 @@ class Proposals:
         self._trials: list[Any] = []
 
     def ask(self, count: int = BATCH) -> list[tuple]:
-        """So many places, tuples of coordinates in 0 … 1."""
+        """`count` points, tuples of coordinates in 0 … 1."""
         self._trials = [self._study.ask(self._distributions) for _ in range(count)]
         return [tuple(trial.params[name] for name in self._names) for trial in self._trials]
 
     def tell(self, values: Sequence[float | None]) -> None:
-        """Values at the places asked for last; None where there is none."""
+        """Values at the points asked for last; None where there is none."""
         for trial, value in zip(self._trials, values, strict=True):
             if value is None:
                 self._study.tell(trial, state=self._failed)

@@ -31,15 +31,15 @@ SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 @dataclass(frozen=True)
 class Averaging:
-    """The same optimum by averaging, for comparison.
+    """The optimum by averaging, for comparison.
 
     Attributes
     ----------
     place, value : float or None
-        Place and value of averaging's maximum; None (see the reason) if it refuses or has none
+        Point and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
     value_at_simulated_place
-        Averaging's value at the place that simulation found.
+        Averaging's value at the point that simulation found.
     """
 
     closure: str
@@ -51,28 +51,28 @@ class Averaging:
 
 @dataclass(frozen=True, repr=False)
 class Optimum(ResultBase):
-    """Where a quantity is largest; in the scene's units.
+    """Optimum of a quantity; in the scene's units.
 
-    Over one parameter a curve is fitted to several places, and averaging stands beside it. Over
-    several a library proposes places, and what bounds each parameter is looked for.
+    Over one parameter a curve is fitted to several points, and compared with averaging. Over
+    several a library proposes points, and the limits of each parameter's flat range are searched.
 
     Attributes
     ----------
     parameters
-        Each with its place at the optimum.
+        Each with its value at the optimum.
     value
-        Value from a run at the place; over several parameters on noise of its own.
+        Value from a run at the optimum; over several parameters on fresh noise.
     searched : list of (dict, Estimate)
-        Places and values: those that the last fit used; over several parameters those proposed,
+        Points and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
     averaging
-        Over one parameter.
+        Optimum by averaging, over one parameter.
     own
         The value of the scene itself, over several parameters.
     orbits
-        The orbits that drawn starts reach at the place without noise, the followed one first.
+        The orbits that drawn starts reach at the point without noise, the followed one first.
     notes
-        What to know before citing the value.
+        Caveats for citing the value.
     evaluations
         Runs in all, over several parameters.
     seconds
@@ -106,7 +106,7 @@ class Optimum(ResultBase):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Two standard errors to either side of the place; over several parameters of the value."""
+        """Optimum ± two standard errors; over several parameters, value ± two standard errors."""
         about = self.value if self.averaging is None else self.place
         reach = INTERVAL * (math.nan if about.standard_error is None else about.standard_error)
         return about.estimate - reach, about.estimate + reach
@@ -137,7 +137,7 @@ class Optimum(ResultBase):
         ]
 
     def _records(self):
-        """Header and a row for each place that was searched, in the scene's units."""
+        """Header and a row for each point that was searched, in the scene's units."""
         keys = [key_column(key, self.scene.units) for key in self.keys]
         header = [*keys, f"{self.quantity} [{self.unit}]", f"standard_error [{self.unit}]"]
         return header, [
@@ -165,7 +165,7 @@ class Optimum(ResultBase):
         return header, rows
 
     def _headline(self) -> str:
-        """The place, its value, and what it was looked for."""
+        """The optimum, its value, and the search's objective."""
         places = ", ".join(
             f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
             for parameter in self.parameters
@@ -182,7 +182,7 @@ class Optimum(ResultBase):
         return span(low, high, key_words(key, self.scene.units)[1])
 
     def _findings(self) -> list[str]:
-        """Sentences on the intervals of place and value, and on the runs."""
+        """Sentences on the intervals of optimum and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
         (one,) = self.parameters
@@ -191,7 +191,7 @@ class Optimum(ResultBase):
         return [
             *self._on_averaging(self.averaging),
             *definitions([self.quantity]),
-            f"{self.method}: cubic through {len(self.searched)} places in {searched} on common "
+            f"{self.method}: cubic through {len(self.searched)} points in {searched} on common "
             f"noise, seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
             *self.notes,
@@ -212,7 +212,7 @@ class Optimum(ResultBase):
         return lines
 
     def _off(self, averaging):
-        """Averaging's deviation of place and value, as shares."""
+        """Averaging's deviation of optimum and value, as shares."""
         if averaging.place is None:
             return None, None
         location_deviation = averaging.place / self.place.estimate - 1.0
@@ -244,7 +244,7 @@ class Optimum(ResultBase):
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
             lines.append(
-                f"the runs are too short to tell how flat the maximum is: {longer_runs(self.scene)}"
+                f"the runs are too short to show how flat the maximum is: {longer_runs(self.scene)}"
             )
         for parameter in self.parameters:
             if parameter.is_narrow:
@@ -272,13 +272,11 @@ class Optimum(ResultBase):
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
             strained = "" if limit is None else ", or the strain is beyond beam.strain_limit"
-            lines.append(
-                f"at {failures} of {len(self.searched)} places no run came to its end{strained}"
-            )
+            lines.append(f"at {failures} of {len(self.searched)} points no run completed{strained}")
         return lines
 
     def _on_orbits(self):
-        """Sentences: the orbit that the search followed, and the others at the place."""
+        """Sentences: the orbit that the search followed, and the others at the point."""
         if not self.orbits:
             return []
         scene, count = with_orbit(self.scene), sum(orbit.starts for orbit in self.orbits)
@@ -291,9 +289,9 @@ class Optimum(ResultBase):
     def _on_runs(self):
         """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        accuracy = "no noise: the place to the method's own precision"
+        accuracy = "no noise: the optimum to the method's own precision"
         if noisy:
-            accuracy = "value on noise of its own; interval: two standard errors; seed "
+            accuracy = "value on fresh noise; interval: two standard errors; seed "
             accuracy += str(self.scene.run.seed)
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
@@ -360,14 +358,14 @@ class Optimum(ResultBase):
 
 
 def _draw(found):
-    """Places searched, the maximum, how far it is flat.
+    """Points searched, the maximum, how far it is flat.
 
-    Over several parameters places differ in the others too, so that the highest of them are the
+    Over several parameters points differ in the others too, so that the highest of them are the
     outline.
     """
     panels = [_panel(found, parameter) for parameter in found.parameters]
     title = (
-        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        f"{found.scene.name}: {len(found.searched)} points searched, by {found.method} "
         "(bars: two standard errors)"
     )
     return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
@@ -402,7 +400,7 @@ def _panel(found, each):
 
 
 def _draw_bounds(found, each, factor, axes):
-    """Draw the interval of the place, or the flat region, and the scene's own value."""
+    """Draw the interval of the optimum, or the flat region, and the scene's own value."""
     low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
     if each.standard_error is not None:
         (low, high), label = found.interval, "interval of the place"

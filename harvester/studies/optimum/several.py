@@ -5,8 +5,8 @@ on fresh noise, as the highest of many is partly luck; from the best of them the
 the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
 nothing was chosen by.
 
-Methods without noise go on from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis, Hong
-Kong Polytechnic University, 2022), to their own precision.
+Methods without noise continue from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis,
+Hong Kong Polytechnic University, 2022), to their own precision.
 """
 
 import math
@@ -32,18 +32,18 @@ from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Default number of proposals for each parameter, and of places of a grid in their stead.
+# Default number of proposals for each parameter, and of points of a grid instead.
 EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
-# So many places are run again on fresh noise.
+# Number of points that are run again on fresh noise.
 CONFIRMED = 5
 # Radius of trust of a method without noise, as a share of the ranges, at first and at the end: a
 # maximum is flat to 1e-9 within the last.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
-# The climb takes about so many evaluations for each parameter. The progress bar uses this.
+# Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
-# Noise streams, by number: for the search, for the chosen places, and for the final value.
+# Noise streams, by number: for the search, for the chosen points, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
 
 
@@ -105,12 +105,12 @@ def over_several(
 
 
 def _by_grid(axes, noisy):
-    """Whether a grid takes the place of proposals: one parameter, without noise."""
+    """Whether a grid replaces proposals: one parameter, without noise."""
     return len(axes) == 1 and not noisy
 
 
 def _search(objective, count):
-    """Places proposed and their values; of one parameter without noise a grid."""
+    """Points proposed and their values; of one parameter without noise a grid."""
     searched: list[tuple] = []
     axes, proposals = objective.axes, None
     grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
@@ -128,12 +128,12 @@ def _search(objective, count):
             proposals.tell([finite(value) for value in values])
         searched += zip(places, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
-        raise OptimumError(f"all runs failed, at each of {len(searched)} places")
+        raise OptimumError(f"all runs failed, at each of {len(searched)} points")
     return searched
 
 
 def _chosen(objective, searched):
-    """The highest place; under noise the highest of the best ones on fresh noise."""
+    """The highest point; under noise the highest of the best ones on fresh noise."""
     ended = [pair for pair in searched if not math.isnan(pair[1])]
     highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
     if not objective.noisy:
@@ -141,12 +141,12 @@ def _chosen(objective, searched):
     places = list(dict.fromkeys(highest))[:CONFIRMED]
     values = [objective.value(answer) for answer in objective.answers(places, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
-        raise OptimumError("the second runs failed at all of the highest places")
+        raise OptimumError("the second runs failed at all of the highest points")
     return places[int(np.nanargmax(values))]
 
 
 def _refined(objective, place):
-    """The maximum near a place, to the precision of a method without noise."""
+    """The maximum near a point, to the precision of a method without noise."""
 
     def loss(coordinates):
         (answer,) = objective.answers([tuple(map(float, coordinates))])

@@ -51,7 +51,7 @@ class Basins(ResultBase):
         Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
         begins.
     orbit : ndarray of int, shape (m, n)
-        Place in `orbits` of each start; −1: not followed.
+        Index in `orbits` of each start; −1: not followed.
     orbits
         The orbits, the one with the most starts first.
     periods
@@ -131,7 +131,7 @@ class Basins(ResultBase):
             "empty transducer at the beginning of a period of the excitation; `displacement` "
             "and `velocity` set others",
             *orbit_sentences(self.orbits, self.unit),
-            "a share is that of the starts on this grid: another grid has other shares",
+            "a share counts the starts on this grid: another grid has other shares",
         ]
         left = self.orbit.size - count
         if left:
@@ -166,7 +166,7 @@ def _section(orbit, unit):
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
-    """How many motions there are, and which gives the most power how likely."""
+    """Sentences on the number of motions, and the share of the one with the most power."""
     if not orbits:
         return []
     steady = [orbit for orbit in orbits if orbit.steady]
@@ -186,7 +186,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
             lines[-1] += f"; {times:.3g} times that of orbit {least.name}"
         lines.append(
             "a motion with a period is averaged over whole cycles once it has converged: its "
-            "errors are what remains of the transient and what the steps may cost"
+            "errors cover the remaining transient and the possible step error"
         )
     for orbit in orbits:
         if not orbit.steady:

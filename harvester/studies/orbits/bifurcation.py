@@ -1,6 +1,6 @@
 """`bifurcation`: stroboscopic sections of a driven device over any key, up and down.
 
-Each place begins where the one before it ended, so that the device keeps its branch for as long as
+Each point begins where the one before it ended, so that the device keeps its branch for as long as
 there is one.
 """
 
@@ -223,13 +223,13 @@ class Bifurcation(ResultBase):
                 "data() and its CSV file have all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
-            lines.append("a load's own stores begin at each place as its netlist says")
+            lines.append("a load's stores begin at each value with the charges of its netlist")
         lines += [line for branch in self.branches for line in self._of_chaos(branch)]
         lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
 
     def _most_power(self, branch):
-        """Sentence on the place with the most power; none where no motion has a power."""
+        """Sentence on the point with the most power; none where no motion has a power."""
         if not np.isfinite(branch.mean_power).any():
             return []
         best = int(np.nanargmax(branch.mean_power))
@@ -244,7 +244,7 @@ class Bifurcation(ResultBase):
         return f"{self.key} = {', '.join(words)}"
 
     def _of_chaos(self, branch):
-        """Where a mean over the samples of a motion without a period has no error bar."""
+        """Sentence on values at which a mean without a period has no error bar."""
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
         return [
             f"{branch.direction}: no error bar at {self._named(*self.values[missing])}: the power "
@@ -255,7 +255,7 @@ class Bifurcation(ResultBase):
     def _dataset(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units.
 
-        Each mean stands next to its `…_standard_error`; the attribute `unit` is the unit.
+        Each mean is next to its `…_standard_error`; the attribute `unit` is the unit.
         """
         axes, branches = ("direction", self.key), self.branches
         variables: dict[str, Any] = {"period": (axes, [branch.period for branch in branches])}
@@ -290,7 +290,7 @@ def climb(
     Parameters
     ----------
     engine, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+        The engine's name, its step, and the options that differ from their defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods
@@ -302,7 +302,7 @@ def climb(
     -------
     dict
         `rows`, shape (values, SAMPLES + 1, columns), in the scene's units; `end` to go on from;
-        `failures`, the reasons by the number of the place.
+        `failures`, the reasons by the number of the point.
     """
     rows, failures = [], {}
 
@@ -344,7 +344,7 @@ def climbing(
     periods: int | None,
     directions: Sequence[str],
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: the directions one after another, some places in a task; the
+    """A plan for `Runner.follow`: the directions one after another, some points in a task; the
     Branch of each and the failures.
 
     Each direction begins where the one before ended. `periods` None: as many as the device needs,
@@ -380,7 +380,7 @@ def climbing(
 
 
 def _branch(scenes, engine, direction, samples):
-    """One direction, from samples in the scenes' units."""
+    """The branch of one sweep direction, from samples in the scenes' units."""
     periods, motions = np.zeros(len(samples), dtype=int), []
     values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
     for k, driven in enumerate(scenes):

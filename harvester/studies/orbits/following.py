@@ -54,8 +54,9 @@ MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
 # Starts without a period by then are followed for this many times the periods: chaos may be a
-# transient. So many of its starts are followed this much longer again, and all of them if one finds
-# a period. The best start of each cycle then goes on, at most ROUNDS times, until it converges.
+# transient. This number of its starts is followed this much longer again, and all of them if one
+# finds a period. The best start of each cycle then goes on, at most ROUNDS times, until it
+# converges.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
@@ -65,22 +66,22 @@ class Orbit:
 
     Attributes
     ----------
-    name : A, B, … in the order of their shares; of what is no steady motion its `kind`.
-    kind : "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
+    name : A, B, … in the order of their shares; of an unsteady motion its `kind`.
+    kind : "period 3" or "chaotic", or of an unsteady motion one of `UNSTEADY`.
     period
         Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
+        Largest Lyapunov exponent (1/s) of a motion without a period.
     starts
         Number of starts that settled on it.
     share, share_error : float
-        Share of all starts, and its standard error as that of a random sample of the plane.
+        Share of all starts, and its standard error as if they were a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
-        Over whole cycles of the start that converged best; of a chaotic motion over the samples of
-        all its starts; NaN without a steady motion.
+        Means over whole cycles of the start that converged best; of a chaotic motion over the
+        samples of all its starts; NaN without a steady motion.
     errors : dict of str to float
-        Errors of these three: what is left of the transient, or of a chaotic motion the standard
-        error, and what the steps cost; NaN if the samples are too few.
+        Errors of these three: the remaining transient, or of a chaotic motion the standard
+        error, and the step error; NaN if the samples are too few.
     points : ndarray, shape (n, 2)
         Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
     """
@@ -116,7 +117,7 @@ def periods_of(driven: Prepared) -> int:
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Refuse what cannot be followed, or has no room in memory."""
+    """Raise if the starts cannot be followed, or exceed the memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -158,7 +159,7 @@ def _first_periods(driven, periods):
 
 
 def _wandering(samples):
-    """Places of the starts that stay in range and have no period."""
+    """Indices of the starts that stay in range and have no period."""
     inside = np.isfinite(samples).all(axis=(1, 2))
     states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)
     return np.flatnonzero(inside & (repetition(states) == 0))
@@ -186,7 +187,7 @@ class _Onwards(NamedTuple):
         if not len(places):
             return
         # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
-        # capacitors and inductors have states of their own, so runs restart.
+        # capacitors and inductors have states too, so runs restart.
         if self.scene.load.is_resistor:
             begin, times = self.samples[places, -1, :STATE], total - done
         else:
@@ -217,8 +218,8 @@ def _pieces(scene, engine, version, starts, periods, kept):
 def orbits_of(
     driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, behind them
-    what the other starts do, and each start's place in these (−1: not followed)."""
+    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, followed by
+    the kinds of the other starts, and each start's index in these (−1: not followed)."""
     samples = yield from following(driven, engine, version, starts, periods)
     groups = _groups(samples)
     motions = yield from _cycles(driven, engine, version, starts, samples, groups, periods)
@@ -286,7 +287,7 @@ def _cycles(driven, engine, version, starts, samples, groups, periods):
 
 
 def _remains(driven, samples):
-    """What remains of each start's transient, see `transients`."""
+    """Remaining transient of each start, see `transients`."""
     return transients(samples[:, :, :STATE], memory_of(driven))[2]
 
 

@@ -52,7 +52,7 @@ def basins(
         Coordinates of the starts, in the scene's units, such as numpy.linspace(-0.01, 0.01, 41)
         (default: the energies up to beyond the device's largest motion).
     points : int
-        Starts a side, of what is left to the default.
+        Starts per side; omitted values have defaults.
     periods : int or None
         Number of periods of the excitation, that each start is followed for (default: as many as
         the device needs to forget its start, and three times as many for those without a period by
@@ -212,7 +212,7 @@ def residence(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Residence:
-    """Mean time for which noise leaves a device in a well, beside Kramers' formula.
+    """Mean time for which noise leaves a device in a well, compared with Kramers' formula.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def residence(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its place.
+        A mistake in the call. A simulation that fails is the outcome of its point.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`residence`: how long noise leaves a device in a well, beside Kramers' formula."""
+"""`residence`: how long noise leaves a device in a well, compared with Kramers' formula."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 # Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
-# Fewer stays show their scatter badly: their error is at least that of exponential times.
+# Few stays estimate their scatter badly: their error is at least the one of exponential times.
 FEW_STAYS = 64
 # Longer times by the knots of white noise are noted from this share on. They were 1.9 ± 0.2 %
 # longer where the lacking density times the barrier is 1.2 %.
@@ -63,7 +63,7 @@ NODES = 400
 
 @dataclass(frozen=True)
 class ResidenceTime:
-    """How long one well holds the device, at one value of the key.
+    """Mean residence time in one well, at one value of the key.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class ResidenceTime:
     longer_by_knots : float
         Share by which the band of white noise's knots lengthens the time: the density that it
         lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
-    outcome : "complete", or what ended the run.
+    outcome : "complete", or the reason for the end.
     """
 
     value: float | None
@@ -362,7 +362,7 @@ def require_wells(prepared_scene: Prepared) -> None:
     scene = prepared_scene.scene
     if len(timescales.wells(prepared_scene.system)) < 2:
         raise HarvesterError(
-            f"{scene.name}: the device has one well: residence times are those of several, as a "
+            f"{scene.name}: the device has one well: residence times need several, as a "
             "negative oscillator.linear_stiffness makes them"
         )
     if not scene.excitation.random:

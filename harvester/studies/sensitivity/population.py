@@ -3,8 +3,8 @@
 The value measured for a device contains the noise of its run. The noise widens the distribution and
 moves devices across the limit, more of them from the denser side. It is taken out twice:
 
-- the devices' values are drawn together about their mean until their variance is that without the
-  noise (see `sobol` beside this), so that spread and quantiles are those of the devices;
+- the devices' values are contracted about their mean until their variance is the one without the
+  noise (see `sobol`), so that spread and quantiles describe the devices;
 - the share above a limit changes in proportion to the variance of the noise while that is small.
   The mean of two replicates has half the variance of one, so that twice the share among the means
   less the share among single replicates is the share without noise (Richardson's extrapolation;

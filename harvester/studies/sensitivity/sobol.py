@@ -6,12 +6,12 @@ c_i: a with b's value of i. First-order index (Saltelli et al., Comput. Phys. Co
 
     S_i = ⟨y(b) [y(c_i) − y(a)]⟩ / Var,    T_i = ½⟨[y(a) − y(c_i)]²⟩ / Var.
 
-A simulation gives Y = y + e with an error e of mean 0. Put in as they are, Y² and [Y(a) − Y(c_i)]²
+A simulation gives Y = y + e with an error e of mean 0. Used unchanged, Y² and [Y(a) − Y(c_i)]²
 bring ⟨e²⟩ along: total indices and the variance come out too large, first-order ones too small.
 So every device is simulated twice, on noise that is independent between the two replicates, and
 each product takes one factor from either: ⟨Y' Y''⟩ = y² + y⟨e'⟩ + y⟨e''⟩ + ⟨e' e''⟩ = y², and
 likewise for the other two. That is exact at any length of run and for errors that differ from
-device to device, and nothing is assumed of what the devices of one row have in common: they share
+device to device, and nothing is assumed of the common part of the devices of one row: they share
 their noise, which cancels from the differences as far as their paths stay together. Rows are
 independent of each other, so that resampling them (bootstrap) gives intervals that hold the noise
 too; the even cover of Sobol's sequence is not counted on, so they are wide rather than narrow.

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 # Fewest rows of a design, without which no interval is meaningful, and the most.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
-# Each device is run so many times, each on noise of its own.
+# Number of runs per device, each on different noise.
 REPLICATES = 2
 # The study fails if more than this share of its rows fails.
 LARGEST_FAILURE = 0.1
@@ -66,7 +66,7 @@ BINS = 30
 
 @dataclass(frozen=True, repr=False)
 class Sensitivity(ResultBase):
-    """How a quantity depends on what scatters from device to device; in the scene's units.
+    """Dependence of a quantity on values that scatter between devices; in the scene's units.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class Sensitivity(ResultBase):
         return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
 
     def _findings(self) -> list:
-        """The distribution, the yield, and what was run."""
+        """Sentences on the distribution, the yield and the runs."""
         name, p = self.quantity.replace("_", " "), self.population
         lines = [
             f"{name} of the scene itself: {with_error(self.nominal, self.unit)}; of "
@@ -342,7 +342,7 @@ def _told(kept, failures, out_of_time):
 
 
 def _signed(each, mean):
-    """An effect as a share of the mean, half of its interval's width behind it."""
+    """An effect as a share of the mean, followed by half of its interval's width."""
     if mean == 0.0:
         return NOT_KNOWN
     share, ends = each.estimate / mean, sorted((each.low / mean, each.high / mean))
@@ -380,7 +380,7 @@ def _draw_effects(axes, study, order):
         at_end = [study.effects[k][end] for k in order]
         widths = 100.0 * np.array([effect.estimate for effect in at_end]) / mean
         ends = 100.0 * np.array([[effect.low, effect.high] for effect in at_end]).T / mean
-        # The two bars stand one above the other, since both may point the same way.
+        # The two bars are one above the other, since both may point the same way.
         heights = np.arange(len(order)) + (0.14, -0.14)[end]
         axes.barh(heights, widths, height=0.26, color=colour, label=label)
         axes.errorbar(widths, heights, xerr=_bars(widths, ends), fmt="none", color="0.2", capsize=2)

@@ -1,9 +1,9 @@
-"""How parameters scatter from device to device, and the devices that a tolerance study simulates.
+"""Scatter of parameters from device to device, and the devices of a tolerance study.
 
 A parameter scatters alone, as `±10%`, `uniform:a:b` or `normal:5%`, or together with others by
 their covariance. Sobol indices are of independent parameters. The principal axes of a joint normal
 distribution are independent, whatever the covariance: each is one parameter of the study, named
-after what it mostly moves.
+after the parameter that moves it most.
 """
 
 import json
@@ -69,7 +69,7 @@ class Tolerance:
             ndtr((self.low - self.first) / self.second),
             ndtr((self.first - self.high) / self.second),
         )
-        note = ", cut off at what is allowed" if max(cut) > 1e-6 else ""
+        note = ", truncated at the key's limits" if max(cut) > 1e-6 else ""
         return f"normal, {self.first:.4g} ± {self.second:.2g}{note}"
 
 
@@ -140,7 +140,7 @@ class Direction:
     Attributes
     ----------
     key
-        The parameter that it mostly moves, with its place among the axes.
+        The parameter that it moves most, with its index among the axes.
     centre, steps : dict of str to float
         For every parameter: its mean, and its change in one standard deviation of the axis.
     """

@@ -66,7 +66,7 @@ def test_a_run_that_gets_nowhere_is_given_up(tmp_path, monkeypatch):
     ready = prepared(scene)
     start = start_state(ready, 0)
     s = ready.system
-    with pytest.raises(SimulatorAborted, match=r"gets nowhere.*value below 0.*cbuffer"):
+    with pytest.raises(SimulatorAborted, match=r"it stalls.*value below 0.*cbuffer"):
         for _ in engine.integrate(
             s, engine.circuit_of(prepared(scene)), noise_path(ready, 0), start, 1e3
         ):

@@ -213,8 +213,8 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
 @pytest.mark.parametrize(
     ("body", "note"),
     [
-        ("C1 out ref 1F", "in SPICE F behind a number is femto and M is milli"),
-        ("R1 out ref 100M", "in SPICE F behind a number is femto and M is milli"),
+        ("C1 out ref 1F", "in SPICE F after a number is femto and M is milli"),
+        ("R1 out ref 100M", "in SPICE F after a number is femto and M is milli"),
         ("C1 out ref 1u", "no measure is an output: its power is 0"),
         (
             "R1 out ref 1k\nS1 p n out ref sm\n.model sm sw(vt=1 vh=-1)",

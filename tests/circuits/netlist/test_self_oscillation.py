@@ -65,7 +65,7 @@ def test_a_node_that_jumps_with_the_switch_is_not_its_control(tmp_path):
 
 def test_a_turn_that_no_run_comes_down_to_is_refused_by_name(tmp_path):
     load = load_of(tmp_path, RELAXING.format(0.2).replace("10n", "1p").replace("1k", "1m"))
-    with pytest.raises(LoadError, match=r"s1 \(load\.lib:6\) turns by itself"):
+    with pytest.raises(LoadError, match=r"s1 \(load\.lib:6\) toggles endlessly"):
         check_turn(load, 1e-3)
     check_turn(load_of(tmp_path, RELAXING.format(0.2)), 1e-3)
 
@@ -73,7 +73,7 @@ def test_a_turn_that_no_run_comes_down_to_is_refused_by_name(tmp_path):
 def test_of_transistors_it_is_not_known_and_noted(tmp_path):
     load = load_of(tmp_path, "V1 d n 3\nQ1 d a n part\nR1 d a 1meg\n.model part npn")
     assert load.self_oscillation.unknown == "q1: a transistor"
-    assert any("whether the load oscillates" in note for note in reading_notes(load))
+    assert any("whether the load is self-oscillating" in note for note in reading_notes(load))
 
 
 @pytest.mark.parametrize("name", load_names())

@@ -93,7 +93,7 @@ def test_a_plan_goes_on_where_the_one_before_ended(tmp_path):
 
 
 def test_what_no_run_follows_is_refused_by_name(tmp_path):
-    with pytest.raises(LoadError, match=r"load\.lib:2: b1: from 0 s on it changes by itself"):
+    with pytest.raises(LoadError, match=r"load\.lib:2: b1: from 0 s on it changes within"):
         plan_of(tmp_path, "B1 p n i=1m*sin(2*pi*10meg*time)")
 
 

@@ -154,7 +154,7 @@ def test_a_plus_alone_continues_with_nothing(tmp_path):
         ("", "no .subckt"),
         ("R1 p n 1k\n", "outside a .subckt"),
         ("My rectifier\n.subckt load p n\nR1 p n 1k\n.ends\n", "a title begins with *"),
-        (".subckt load p n\nR1 p n 1k\n.ic v(p)=1\n.ends\n", "write ic= behind the capacitor"),
+        (".subckt load p n\nR1 p n 1k\n.ic v(p)=1\n.ends\n", "write ic= after the capacitor"),
         (
             ".subckt load p n\nL1 p n 1\nL2 n 0 1\nK1 L1 L3 0.9\n.ends\n",
             "load.lib:4: k1: no inductor l3",

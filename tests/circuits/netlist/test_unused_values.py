@@ -40,7 +40,7 @@ def test_both_coefficients_of_temperature_count(tmp_path, letter, said):
     [
         ("S1 p n p n sm m=4\n.model sm sw(vt=1)", "S uses no 'm=4'"),
         ("S1 p n p n sm area=2\n.model sm sw(vt=1)", "S uses no 'area=2'"),
-        ("S1 p n p n sm 2\n.model sm sw(vt=1)", "'2' behind the model has no effect"),
+        ("S1 p n p n sm 2\n.model sm sw(vt=1)", "'2' after the model has no effect"),
         ("V1 p a 0\nR1 a n 1k\nW1 p n V1 wm m=2\n.model wm csw(it=1)", "W uses no 'm=2'"),
         ("R1 p n 1k area=2", "R uses no 'area=2'"),
         ("R1 p n 1k ic=2", "R uses no 'ic=2'"),

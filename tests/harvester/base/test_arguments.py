@@ -139,5 +139,7 @@ def test_values_of_another_form_are_refused_by_name(options, words):
 
 @pytest.mark.parametrize("content", [None, 5, []])
 def test_what_is_no_scene_is_refused(content):
-    with pytest.raises(harvester.SceneError, match=r"no scene: give what Scene\.to_dict returned"):
+    with pytest.raises(
+        harvester.SceneError, match=r"no scene: pass the return value of Scene\.to_dict"
+    ):
         harvester.Scene.from_dict(content)

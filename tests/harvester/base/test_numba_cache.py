@@ -110,7 +110,7 @@ def test_damage_is_said_once_in_a_process(capsys, monkeypatch):
     monkeypatch.setattr(numba_cache, "_said", [])
     for _ in range(2):
         numba_cache.on_damage("cache/function.nbc")
-    assert capsys.readouterr().err.count("compiled anew") == 1
+    assert capsys.readouterr().err.count("compiled again") == 1
 
 
 def test_an_index_of_another_release_is_no_damage(tmp_path, monkeypatch):

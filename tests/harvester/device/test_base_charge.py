@@ -139,7 +139,7 @@ def test_refusals():
     white = scene.replace({"excitation": {"kind": "white", "intensity": 1e-3}})
     with pytest.raises(AveragingError, match="white at all frequencies"):
         average(white, method="spectral")
-    with pytest.raises(SceneError, match=r"piezo.base_charge is what \[beam\] gives"):
+    with pytest.raises(SceneError, match=r"piezo.base_charge follows from \[beam\]"):
         Scene.read("bimorph").replace({"piezo.base_charge": 1e-9})
 
 

@@ -112,7 +112,7 @@ def test_an_option_beside_an_object_warns_where_it_says_the_same_and_is_refused_
         harvester.simulate(scene, method=MonteCarlo(step="fine"), step="fine", runner=pool)
     for option in ({"step": "finest"}, {"device": "compiled"}, {"tolerance": 1e-3}):
         (name,) = option
-        with pytest.raises(HarvesterError, match=f"{name} = .*: stands beside a method"):
+        with pytest.raises(HarvesterError, match=f"{name} = .*: not allowed with a method"):
             harvester.simulate(scene, method=MonteCarlo(), runner=pool, **option)
     with pytest.raises(HarvesterError, match=r"fit is for harvester\.average alone"):
         harvester.load_study(scene, method=Stationary(fit=True), executor=pool)

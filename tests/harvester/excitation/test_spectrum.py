@@ -179,7 +179,7 @@ def test_a_profile_has_the_rms_that_its_source_prints_and_is_written_out(name):
     [
         ({"profile": "gevs-qualificaton"}, "did you mean gevs-qualification"),
         ({"profile": 3}, "must be one of gevs-qualification, gevs-acceptance"),
-        ({"profile": "gevs-acceptance", "unit": "g^2/Hz"}, "unit: stands in the profile"),
+        ({"profile": "gevs-acceptance", "unit": "g^2/Hz"}, "unit: the profile"),
     ],
 )
 def test_a_profile_that_is_none_or_has_values_beside_it_is_refused(change, words):

@@ -106,7 +106,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
 @pytest.mark.parametrize(
     ("significance", "move", "half", "word", "words"),
     [
-        (0.3, 0.1, 0.38, "fits", "do not tell its spring from others: restoring_force[3] ± 38%"),
+        (0.3, 0.1, 0.38, "fits", "do not distinguish its spring"),
         (4.2, 0.16, 0.05, "incomplete", "the records ask for a spring of power 5"),
         # A term that moves nothing that would be noticed is none.
         (4.2, 0.01, 0.05, "predicts", "the model predicts"),

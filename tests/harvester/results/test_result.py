@@ -203,7 +203,7 @@ def test_a_damaged_result_is_refused_by_the_value(result, place, value):
     for name in place[:-1]:
         part = part[name]
     part[place[-1]] = value
-    with pytest.raises(harvester.HarvesterError, match=r"no result: .*give what Result"):
+    with pytest.raises(harvester.HarvesterError, match=r"no result: .*of Result.to_dict"):
         Result.from_dict(content)
 
 

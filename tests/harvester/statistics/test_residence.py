@@ -162,7 +162,7 @@ def test_without_jumps_the_starts_are_named():
     found = estimates_at(0.02)
     assert found.scaled[SHARE].standard_error is None
     assert found.scaled["mean_power"].standard_error is None
-    assert any("shares of time and what depends on them" in note for note in found.notes)
+    assert any("shares of time and quantities that depend on them" in note for note in found.notes)
 
 
 def test_with_hundreds_of_jumps_the_share_is_the_stationary_one():

@@ -136,7 +136,7 @@ def test_runs_without_errors_tell_no_flat_region():
 
     found = optimum(PAPER, OVER, maximise="jump_rate", evaluations=16, runner=Short(hill, 0.1))
     assert all(math.isnan(each.flat_low) for each in found.parameters)
-    assert any("too short to tell how flat" in line for line in found.sentences())
+    assert any("too short to show how flat" in line for line in found.sentences())
     json.dumps(found.to_dict(), allow_nan=False)
 
 
@@ -164,7 +164,7 @@ def test_places_where_no_run_ends_are_gone_around():
 
     found = optimum(PAPER, OVER, maximise="mean_power", method="consistent", runner=Failing(hill))
     assert found.value.estimate > 0.999 * HEIGHT
-    assert any("no run came to its end" in line for line in found.sentences())
+    assert any("no run completed" in line for line in found.sentences())
     with pytest.raises(SimulationError, match="it fell apart"):
         optimum(
             PAPER.replace({"stoppers.gap": 1.7}), OVER, maximise="mean_power", runner=Failing(hill)

@@ -476,7 +476,7 @@ def test_a_point_that_sources_of_the_load_feed_is_not_ranked(tmp_path, pool):
     assert found.best((0,)) is None
     _, (row,) = found.table()
     assert row[-1] == (
-        "at 100 kΩ, 1 MΩ not ranked: b1 in the load supplies what its output uses: nothing is "
+        "at 100 kΩ, 1 MΩ not ranked: b1 in the load supplies the output's whole power: nothing is "
         "harvested"
     )
     assert found.headline() == "no load has a power"

@@ -241,7 +241,7 @@ def test_decks_of_both_kinds_behind_a_bridge_agree(tmp_path, name):
         (
             "device",
             ['excitation={kind="prescribed_displacement", amplitude=1e-3, frequency=8.0}'],
-            "says where the mass is",
+            "prescribes the motion",
         ),
     ],
 )
