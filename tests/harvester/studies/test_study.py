@@ -100,6 +100,15 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     # The same resistor twice.
     assert difference.standard_error < 1e-5
     assert abs(difference.estimate) < 1e-5
+    # Only a significant lead ranks: a tenth at ten standard errors, not at two.
+    for error, sign in ((0.01, ">"), (0.05, "=")):
+        lead = replace(difference, estimate=0.1, standard_error=error)
+        vars(study)["rankings"] = {(): ([lead.better, lead.worse], [lead])}
+        ranking, sentence = study.sentences()[:2]
+        assert ranking == f"ranking at the optima: {lead.better} {sign} {lead.worse}"
+        assert sentence.endswith("no significant difference") == (sign == "=")
+        equal = f", not significantly more than from {lead.worse}"
+        assert study.view().headline.endswith(equal) == (sign == "=")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
 
