@@ -36,7 +36,8 @@ HANN_BINS = 1.5
 # A specification ends where the density falls below this share of its greatest.
 FAINTEST = 1e-4
 # Quality factor of a device whose power a specification keeps; it then keeps the power of wider
-# ones too. Findings are on the given device if its resonance is wider. Steps per width of its resonance, and the least of all.
+# ones too. Findings are on the given device if its resonance is wider. Steps per width of the
+# resonance, and the least of all.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
 # Least ratio of that width to the resolution: at 2, a record's power by the lines was
 # up to 10 % from the power by its periodogram, at 4 up to 5 %.

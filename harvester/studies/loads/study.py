@@ -331,7 +331,8 @@ class LoadStudy(ResultBase):
         ]
         words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):
-            words.append(f"not checked ({proof.trouble or NOT_SHARP})")
+            part = "settled part " * is_sharp(proof.early_standard_error)
+            words.append(f"{part}not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
 
     def _place(self, point):
