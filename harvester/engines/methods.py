@@ -263,11 +263,12 @@ def check_step(step: str | float) -> str | float:
     """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.scene.steps import STEP_LEVELS
 
-    if isinstance(step, str) and step not in STEP_LEVELS:
+    if isinstance(step, str) and step in STEP_LEVELS:
+        return step
+    if isinstance(step, str):
         with contextlib.suppress(ValueError):
             step = float(step)
-    is_level = isinstance(step, str) and step in STEP_LEVELS
-    if not is_level and not (is_real(step) and 0.0 < step < math.inf):
+    if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
         raise HarvesterError(
             f"step {named(step)}{nearest(step, STEP_LEVELS)}: must be one of "
             f"{', '.join(STEP_LEVELS)}, or the longest step in seconds, > 0"
