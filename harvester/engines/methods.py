@@ -271,7 +271,7 @@ def check_step(step: str | float) -> str | float:
     if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
         raise HarvesterError(
             f"step {named(step)}{nearest(step, STEP_LEVELS)}: must be one of "
-            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds, > 0"
+            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds > 0"
         )
     return step
 
