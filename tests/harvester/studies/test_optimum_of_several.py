@@ -169,7 +169,7 @@ def test_places_where_no_run_ends_are_gone_around():
         optimum(
             PAPER.replace({"stoppers.gap": 1.7}), OVER, maximise="mean_power", runner=Failing(hill)
         )
-    with pytest.raises(OptimumError, match="all runs failed, at each of 16 places"):
+    with pytest.raises(OptimumError, match="all runs failed, at each of 16 points"):
         optimum(
             PAPER,
             {**OVER, "stoppers.gap": (1.7, 2.0)},

@@ -45,7 +45,7 @@ def test_a_normal_distribution_is_cut_off_at_what_the_key_allows():
     made = tolerance(PAPER, "stoppers.restitution", "normal:0.9:0.2")
     theirs = truncnorm(-4.5, 0.5, loc=0.9, scale=0.2)
     np.testing.assert_allclose(made.values(SHARES), theirs.ppf(SHARES), rtol=1e-9)
-    assert "cut off" in str(made)
+    assert "truncated" in str(made)
     ends = made.values(np.array([0.0, 1.0]))
     assert np.all((ends >= 0.0) & (ends <= 1.0))
 

@@ -208,9 +208,11 @@ def test_starts_lie_in_the_energy_range():
 
 
 def test_refusals():
-    with pytest.raises(HarvesterError, match="needs a periodic excitation"):
+    with pytest.raises(HarvesterError, match="needs a periodic deterministic excitation"):
         harvester.basins("duffing")
-    with pytest.raises(HarvesterError, match="bifurcation needs a periodic excitation"):
+    with pytest.raises(
+        HarvesterError, match="bifurcation needs a periodic deterministic excitation"
+    ):
         harvester.bifurcation("duffing", over={"excitation.amplitude": [0.1, 0.2]})
     with pytest.raises(HarvesterError, match="under noise"):
         harvester.residence(duffing(0.25, 0.2, 1.0))
