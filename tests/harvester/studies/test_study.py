@@ -443,7 +443,13 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     assert fed.estimates["mean_storage_power"].estimate < -0.5 * fed.power
     optimum, place = found.optima[0]
     assert place == optimum.best == 0
-    _, (row,) = found.table()
+    header, (row,) = found.table()
+    assert "efficiency (output + store)" in header
+    # The stored power is part of the efficiency, here below 0, and so its legend says.
+    assert fed.estimates["end_to_end_efficiency"].estimate < fed.power / abs(
+        fed.estimates["mean_input_power"].estimate
+    )
+    assert any("output and into its stores, over" in line for line in found.sentences())
     assert "at 40 not ranked: its stores, not the device, feed the output" in row[-1]
     # Hollow in every figure is the point that is not ranked, error bar or not.
     for figure in map(found.figure, ("power", "efficiency")):
