@@ -45,14 +45,6 @@ class Length(NamedTuple):
         return Length(self.own + self.share * argument.own, self.share * argument.share)
 
 
-class Content(NamedTuple):
-    """Numbers of elements, calls and characters of a sub-circuit with all that it calls."""
-
-    elements: int
-    calls: int
-    characters: int
-
-
 class Expansion:
     """Counts the elements that a file's sub-circuits expand to; each is visited once.
 
@@ -76,13 +68,12 @@ class Expansion:
         # ngspice expands functions even in sub-circuits that nothing calls.
         self._check(root.card, self._own_characters(root))
 
-    def content(self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()) -> Content:
-        """The content of a sub-circuit with all its calls expanded."""
-        if id(circuit) not in self._contents:
-            self._contents[id(circuit)] = self._counted(circuit, calling)
-        return self._contents[id(circuit)]
-
-    def _counted(self, circuit, calling):
+    def content(
+        self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()
+    ) -> tuple[int, int, int]:
+        """Numbers of elements, calls and characters of a sub-circuit with all that it calls."""
+        if circuit in self._contents:
+            return self._contents[circuit]
         if circuit in calling:
             refuse(circuit.card, f".subckt {circuit.name} holds itself")
         if len(calling) > DEEPEST_CALL:
@@ -91,18 +82,16 @@ class Expansion:
         characters = self._own_characters(circuit)
         for line in circuit.elements:
             target = circuit.find(line.calls)
-            if target:
-                inside = self.content(target, (*calling, circuit))
-                elements, calls = elements + inside.elements, calls + inside.calls + 1
-                characters += inside.characters
-            else:
-                elements += 1
+            inside = self.content(target, (*calling, circuit)) if target else (1, 0, 0)
+            elements, calls = elements + inside[0], calls + inside[1] + bool(target)
+            characters += inside[2]
             if max(elements, calls) > MOST_ELEMENTS:
                 refuse(
                     line.card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls"
                 )
             self._check(line.card, characters)
-        return Content(elements, calls, characters)
+        self._contents[circuit] = elements, calls, characters
+        return self._contents[circuit]
 
     def _check(self, card, characters):
         if characters > MOST_CHARACTERS:
@@ -110,8 +99,8 @@ class Expansion:
 
     def _own_characters(self, circuit):
         """The number of characters of a sub-circuit's own cards and of definitions within it."""
-        if id(circuit) in self._characters:
-            return self._characters[id(circuit)]
+        if circuit in self._characters:
+            return self._characters[circuit]
         cards = [(line.card, line.text) for line in circuit.elements]
         for card, _, pairs in circuit.models.values():
             cards.append((card, " ".join(f"{key}={value}" for key, value in pairs)))
@@ -124,7 +113,7 @@ class Expansion:
                 refuse(card, f"{text[:40]!r} is longer than {LONGEST_EXPANDED} once expanded")
             total += length
         total += sum(self._own_characters(inner) for inner in circuit.inner.values())
-        self._characters[id(circuit)] = total
+        self._characters[circuit] = total
         return total
 
     def _add_definitions(self, circuit):
@@ -148,7 +137,7 @@ class Expansion:
         if owner is None:
             return None
         card, arguments, expression = owner.functions[name]
-        key = (id(owner), name)
+        key = (owner, name)
         if key in calling:
             refuse(card, f".func {name} calls itself")
         if len(calling) > DEEPEST_CALL:

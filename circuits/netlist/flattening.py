@@ -34,7 +34,7 @@ def elements(scope: Scope) -> Iterator[Element]:
         if line.calls:
             yield from elements(_inside(scope, line))
             continue
-        part = _Part(scope, line)
+        part = _ScopedLine(scope, line)
         try:
             yield _READERS[part.letter](part)
         except ExpressionError as fault:
@@ -57,7 +57,7 @@ def _inside(scope, line):
         refuse(line.card, f"{line.name}: {fault}")
 
 
-class _Part:
+class _ScopedLine:
     """One element's line, read by the names of its scope."""
 
     def __init__(self, scope: Scope, line: Line) -> None:
@@ -138,7 +138,7 @@ def _with_model(part):
     model = part.model()
     if part.letter == "d":
         model = part_models.check_diode(part, model, numbers)
-    return part.made(model=model, numbers=tuple(numbers.items()), flags=part.line.flags)
+    return part.made(model=model, numbers=tuple(numbers.items()), flags=(*part.line.flags,))
 
 
 def _switch(part):
@@ -149,7 +149,7 @@ def _switch(part):
         current = ("*", ("v", *part.nodes[:2]), smooth)
         return part.made(letter="b", expression=current, nodes=part.nodes[:2])
     model = part_models.switch(part, model)
-    return part.made(model=model, controls=controls, flags=part.line.flags)
+    return part.made(model=model, controls=controls, flags=(*part.line.flags,))
 
 
 def _source(part):

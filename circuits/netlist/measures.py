@@ -12,7 +12,7 @@ from harvester.base.plain_text import nearest
 
 if TYPE_CHECKING:
     from circuits.netlist.reader import Card
-    from circuits.netlist.vetting import Scope
+    from circuits.netlist.vetting import Visible
 
 KINDS = (OUTPUT, LOSS, STORE, STATE)
 # Longest name of a measure, since quantities and columns of tables carry it.
@@ -58,7 +58,7 @@ class Measure(NamedTuple):
         return (key, (TAKEN, self.name)) if self.taking else (key,)
 
 
-def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
+def vet_measures(cards: Iterable[Card], scope: Visible) -> tuple[Measure, ...]:
     """The measures of cards "kind name=expression", or "state name=condition taking watts".
 
     Raises

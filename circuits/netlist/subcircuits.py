@@ -271,8 +271,8 @@ def _vetted(card, circuit, scope):
             hint = nearest(name, target.parameters)
             refuse(card, f"{target.name[:40]} has no parameter {name[:40]}{hint}")
     values = {name: check_value(card, value, scope, name) for name, value in pairs.items()}
-    given = (bare[-1], *(f"{name}={value}" for name, value in values.items()))
-    return vetting.Line(card, bare[0], tuple(nodes), given, named=values, calls=bare[-1])
+    given = [bare[-1], *(f"{name}={value}" for name, value in values.items())]
+    return vetting.Line(card, bare[0], nodes, given, named=values, calls=bare[-1])
 
 
 def _single_resistance(top, parts):

@@ -10,7 +10,7 @@ from circuits.netlist import vetting
 from circuits.netlist.dialects import DIALECTS
 from circuits.netlist.expression import FUNCTIONS
 from circuits.netlist.reader import DIALECT, MEASURE, NEEDS, Card
-from circuits.netlist.vetting import Scope, check_nodes, listed, refuse
+from circuits.netlist.vetting import Visible, check_nodes, listed, refuse
 
 # Deepest nesting of definitions.
 DEEPEST_DEFINITION = 20
@@ -42,11 +42,11 @@ class Subcircuit:
     outer: Subcircuit | None = None
     dialect: str = ""
 
-    def scope(self) -> Scope:
+    def scope(self) -> Visible:
         """The names that are visible here, including the enclosing definitions'."""
         around = self.around()
         parameters = (values for c in around for values in (c.local, c.parameters))
-        return Scope(
+        return Visible(
             ChainMap(*parameters),
             ChainMap(*(circuit.functions for circuit in around)),
             ChainMap(*(circuit.models for circuit in around)),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple, NoReturn
 
@@ -77,7 +78,7 @@ _NODE = re.compile(r"[\w.+\-#/\[\]]+")
 _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
-class Scope(NamedTuple):
+class Visible(NamedTuple):
     """Names that are defined at a card's position."""
 
     parameters: Mapping
@@ -86,7 +87,8 @@ class Scope(NamedTuple):
     dialect: str = ""
 
 
-class Line(NamedTuple):
+@dataclass(eq=False)
+class Line:
     """One vetted element, its values still as text.
 
     Attributes
@@ -105,15 +107,15 @@ class Line(NamedTuple):
 
     card: Card
     name: str
-    nodes: tuple[str, ...]
-    words: tuple[str, ...] = ()
-    values: tuple[str, ...] = ()
-    bare: tuple[str, ...] = ()
-    controls: tuple[str, ...] = ()
-    models: tuple[str, ...] = ()
-    named: Mapping[str, str] = {}
-    flags: tuple[str, ...] = ()
-    waves: tuple[tuple[str, list[str]], ...] = ()
+    nodes: list[str]
+    words: list[str] = field(default_factory=list)
+    values: list[str] = field(default_factory=list)
+    bare: list[str] = field(default_factory=list)
+    controls: list[str] = field(default_factory=list)
+    models: list[str] = field(default_factory=list)
+    named: dict[str, str] = field(default_factory=dict)
+    flags: list[str] = field(default_factory=list)
+    waves: list[tuple[str, list[str]]] = field(default_factory=list)
     expression: str = ""
     voltage: bool = False
     calls: str = ""
@@ -250,7 +252,7 @@ def _pairs(card, text, flags):
     return pairs
 
 
-def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
+def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> str:
     """The value, a bare parameter or expression in braces; refused unless it means a number."""
     if value.startswith("{") and value.endswith("}"):
         return "{" + check_expression(card, value[1:-1], scope) + "}"
@@ -267,7 +269,7 @@ def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> st
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
-def check_expression(card: Card, expression: str, scope: Scope) -> str:
+def check_expression(card: Card, expression: str, scope: Visible) -> str:
     """An expression without blanks in ngspice's spelling; refused unless it means something."""
     text = rewritten(joined(card, expression))
     try:
@@ -283,7 +285,7 @@ def rewritten(expression: str) -> str:
     return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
 
 
-def vet_element(card: Card, scope: Scope) -> Line:
+def vet_element(card: Card, scope: Visible) -> Line:
     """An element's card as ngspice reads it."""
     text = card.text
     if text[0] in "rcl":
@@ -292,7 +294,9 @@ def vet_element(card: Card, scope: Scope) -> Line:
     check_form(card, name, words)
     count, kind = ELEMENTS[name[0]]
     check_nodes(card, words[:count])
-    return _KINDS[kind](Line(card, name, tuple(words[:count])), words[count:], scope)
+    line = Line(card, name, words[:count])
+    _KINDS[kind](line, words[count:], scope)
+    return line
 
 
 def check_form(card: Card, name: str, words: list[str]) -> None:
@@ -314,28 +318,24 @@ def check_nodes(card: Card, nodes: list[str]) -> None:
 
 def _value(line, rest, scope):
     """Value, model and parameters of R, C and L."""
-    words, values, bare, models, named = [], [], [], [], {}
     for word in rest:
         if "=" in word and not word.startswith("{"):
             for key, value in _part_parameter(line.card, word, scope):
-                words.append(f"{key}={value}")
+                line.words.append(f"{key}={value}")
                 if key == line.name[0]:
-                    values.append(value)
+                    line.values.append(value)
                 else:
-                    named[key] = value
+                    line.named[key] = value
         elif word in scope.models and number(word) is None and word not in scope.parameters:
             # A number or a parameter of a model's name goes before it.
-            words.append(word)
-            models.append(word)
+            line.words.append(word)
+            line.models.append(word)
         else:
-            words.append(check_value(line.card, word, scope))
-            values.append(words[-1])
-            bare.append(words[-1])
-    if not (values or models):
+            value = check_value(line.card, word, scope)
+            for part in (line.words, line.values, line.bare):
+                part.append(value)
+    if not (line.values or line.models):
         refuse(line.card, f"{line.card.text[:50]!r}: no value")
-    return line._replace(
-        words=(*words,), values=(*values,), bare=(*bare,), models=(*models,), named=named
-    )
 
 
 def _part_parameter(card, word, scope):
@@ -357,102 +357,91 @@ def _part_parameter(card, word, scope):
 def _coupling(line, rest, scope):
     if len(rest) < 3:
         refuse(line.card, "write it as Kname L1 L2 coefficient")
-    *coils, size = rest
-    check_nodes(line.card, coils)
-    size = check_value(line.card, size, scope)
-    return line._replace(words=(*coils, size), controls=(*coils,), values=(size,))
+    *line.controls, size = rest
+    check_nodes(line.card, line.controls)
+    line.values = [check_value(line.card, size, scope)]
+    line.words = line.controls + line.values
 
 
 def _model(line, rest, scope):
     """Further nodes, the model's name, its parameters."""
-    card, letter, position, model = line.card, line.name[0], None, ""
-    words: list[str] = []
-    values: list[str] = []
-    flags: list[str] = []
-    named: dict[str, str] = {}
+    card, letter, position = line.card, line.name[0], 0
+    further: list[str] = []
     for word in rest:
         if "=" in word:
             pairs = _part_parameter(card, word, scope)
-            named.update(pairs)
-            words += [f"{key}={value}" for key, value in pairs]
-        elif position is None:
-            if word in scope.models:
-                position, model = len(words), word
-            else:
-                check_nodes(card, [word])
-            words.append(word)
+            line.named.update(pairs)
+            line.words += [f"{key}={value}" for key, value in pairs]
+        elif not line.models and word in scope.models:
+            position = len(further) + len(line.words)
+            line.models.append(word)
+            line.words.append(word)
+        elif not line.models:
+            check_nodes(card, [word])
+            further.append(word)
         elif word in FLAGS:
-            words.append(word)
-            (flags if word in ("on", "off") or letter in "sw" else values).append(word)
+            line.words.append(word)
+            (line.flags if word in ("on", "off") or letter in "sw" else line.values).append(word)
         else:
             if letter in "msw":
                 refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
             value = check_value(card, word, scope)
-            words.append(f"area={value}" if letter == "d" else value)
+            line.words.append(f"area={value}" if letter == "d" else value)
             if letter == "d":
-                named["area"] = value
+                line.named["area"] = value
             else:
-                values.append(value)
-    if position is None:
+                line.values.append(value)
+    if not line.models:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
         missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
         refuse(card, f"no .model {missing}: copy that part's .model line into the file")
     if position > _FURTHER.get(letter, 0) or (letter == "w" and not position):
         refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
-    further = tuple(word for word in words[:position] if "=" not in word)
     if letter == "w":
-        line = line._replace(controls=further)
+        line.controls, line.words = further, further + line.words
     else:
-        line = line._replace(nodes=line.nodes + further)
-        words = words[len(further) :]
-    return line._replace(
-        words=(*words,), models=(model,), values=(*values,), flags=(*flags,), named=named
-    )
+        line.nodes += further
 
 
 def _source(line, rest, scope):
     """Constants and plain waveforms with their numbers; those of ac have no effect."""
-    words, named, card = [], {}, line.card
-    values: list[str] = []
-    waves: list[tuple[str, list[str]]] = []
+    card = line.card
     # Numbers are those of a waveform, of "dc", of "ac" (two), or a constant.
-    place, skipped = values, 0
+    place, skipped = line.values, 0
     tokens = _SOURCE_WORD.findall(" ".join(rest))
     after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))
     for k, word in enumerate(tokens):
         following = tokens[after[k]] if k in after else "="
         if word in "(),":
-            words.append(word)
+            line.words.append(word)
         elif word == "dc" and (following in WAVEFORMS or re.match(r"\w*=", following)):
             refuse(card, f"{line.name}: dc without a value")
         elif word in WAVEFORMS:
-            words.append(word)
-            skipped = 2 if word == "ac" else 0
-            place = values
+            line.words.append(word)
+            place, skipped = line.values, 2 if word == "ac" else 0
             if word not in ("dc", "ac"):
                 place = []
-                waves.append((word, place))
+                line.waves.append((word, place))
         elif "=" in word and word[0] != "{":
             match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
             if not match:
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
             key, value = match.group(1), check_value(card, match.group(2), scope)
-            words.append(f"{key}={value}")
-            place, skipped = values, 0
+            line.words.append(f"{key}={value}")
+            place, skipped = line.values, 0
             if key == "dc":
-                values.append(value)
+                line.values.append(value)
             elif key != "ac":
-                named[key] = value
+                line.named[key] = value
         elif word[0].isalpha() and word not in scope.parameters:
             waveforms = ", ".join(sorted(WAVEFORMS))
             refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
         else:
-            words.append(check_value(card, word, scope))
+            line.words.append(check_value(card, word, scope))
             if not skipped:
-                place.append(words[-1])
+                place.append(line.words[-1])
             skipped = max(skipped - 1, 0)
-    return line._replace(words=(*words,), values=(*values,), waves=(*waves,), named=named)
 
 
 def _controlled(line, rest, scope):
@@ -460,47 +449,49 @@ def _controlled(line, rest, scope):
     card, letter = line.card, line.name[0]
     if any(re.match(r"(poly|laplace|table|freq)\b", word) for word in rest):
         refuse(card, "poly, laplace, table and freq are not accepted: write a B source")
-    text, many = _multiplied(card, " ".join(rest), scope)
-    words = [f"m={value}" for value in many.values()]
-    line = line._replace(named=many, voltage=letter in "eh")
+    text = _multiplied(line, " ".join(rest), scope)
+    line.voltage = letter in "eh"
     match = re.fullmatch(r"(value|vol|cur)[= ](.*)", text)
     if match:
         expression = match.group(2).strip()
         braced = expression if expression.startswith("{") else "{" + expression + "}"
-        value = check_value(card, braced, scope)
-        return line._replace(words=(f"{match.group(1)}={value}", *words), expression=value)
+        line.expression = check_value(card, braced, scope)
+        line.words.insert(0, f"{match.group(1)}={line.expression}")
+        return
     # PSpice writes the controlling nodes as (c,d).
     *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
     check_nodes(card, controls)
     if len(controls) != (2 if letter in "eg" else 1):
         refuse(card, f"{card.text[:50]!r}: needs its controlling nodes or source, and a gain")
-    gain = check_value(card, gain, scope)
+    line.values = [check_value(card, gain, scope)]
     if letter in "eg":
-        line = line._replace(nodes=(*line.nodes, *controls), words=(gain, *words))
-    else:
-        line = line._replace(controls=(*controls,), words=(*controls, gain, *words))
-    return line._replace(values=(gain,))
+        line.nodes += controls
+        controls = []
+    line.controls, line.words = controls, controls + line.values + line.words
 
 
-def _multiplied(card, text, scope):
-    """A source's text and its {"m": value}, or {}; voltages in parallel are one."""
+def _multiplied(line, text, scope):
+    """A source's text without its m=…, which the line keeps; voltages in parallel are one."""
     match = re.fullmatch(r"(.*\S) m=(\S+)", text)
     if not match:
-        return text, {}
-    if card.text[0] in "eh" or match.group(1).startswith("v="):
-        refuse(card, f"m={match.group(2)[:40]}: sources of voltage side by side are one: leave it")
-    return match.group(1), {"m": check_value(card, match.group(2), scope)}
+        return text
+    if line.name[0] in "eh" or match.group(1).startswith("v="):
+        cure = "sources of voltage side by side are one: leave it"
+        refuse(line.card, f"m={match.group(2)[:40]}: {cure}")
+    line.named["m"] = check_value(line.card, match.group(2), scope)
+    line.words.append(f"m={line.named['m']}")
+    return match.group(1)
 
 
 def _behavioural(line, rest, scope):
-    text, many = _multiplied(line.card, " ".join(rest), scope)
+    text = _multiplied(line, " ".join(rest), scope)
     match = re.fullmatch(r"([iv])=(.+)", text)
     if not match:
         refuse(line.card, f"{line.card.text[:50]!r}: write it as Bname n+ n- i=expression")
     key, expression = match.group(1), match.group(2).replace("{", "(").replace("}", ")")
-    expression = check_expression(line.card, expression, scope)
-    words = (f"{key}={expression}", *(f"m={value}" for value in many.values()))
-    return line._replace(words=words, expression=expression, voltage=key == "v", named=many)
+    line.expression = check_expression(line.card, expression, scope)
+    line.voltage = key == "v"
+    line.words.insert(0, f"{key}={line.expression}")
 
 
 _KINDS = {

@@ -5,6 +5,7 @@ Scaled: F is a force per mass over the length unit l, so k_n = (SI coefficient) 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -120,8 +121,7 @@ class Polynomial(NamedTuple):
 
     def turning_points(self, energy: float) -> tuple[float, float]:
         """The outermost displacements that this energy above the deepest well reaches."""
-        bottom = min((float(self.energy(x)) for x in self.roots()), default=0.0)
-        level = [-(bottom + energy)]
+        level = [-(_deepest(self) + energy)]
         real = _real_roots(level + [k / (n + 1) for n, k in enumerate(self.coefficients)], 1e-6)
         return float(real.min()), float(real.max())
 
@@ -194,6 +194,13 @@ def _trimmed(coefficients):
     while trimmed and trimmed[-1] == 0.0:
         trimmed.pop()
     return tuple(trimmed)
+
+
+# The device's fastest motion is found from the turning points of 60 energies.
+@functools.lru_cache(maxsize=64)
+def _deepest(spring: Polynomial) -> float:
+    """Energy of the deepest well."""
+    return min((float(spring.energy(x)) for x in spring.roots()), default=0.0)
 
 
 def _real_roots(coefficients, tolerance):

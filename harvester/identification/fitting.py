@@ -19,7 +19,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.identifiability import Undetermined, undetermined
+from harvester.identification.identifiability import Undetermined, undetermined, units_of
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.response import (
@@ -41,11 +41,13 @@ from harvester.identification.search import (
     in_short_windows,
     opened,
     searched,
+    short_windows,
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     DRAG,
     FORCE,
+    LITTLE,
     MASS,
     ORIGIN,
     as_coefficients,
@@ -68,8 +70,6 @@ if TYPE_CHECKING:
 
 # Two errors that differ by less than this share count as equal.
 NOTED = 0.02
-# Share of a size that is too little to change the motion.
-LITTLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,20 @@ class Fitted:
         return all(record.is_explained for record in self.records)
 
     @property
+    def follows(self) -> bool:
+        """Whether the windows of records in time are, on average, no shorter than the first ones.
+
+        A wrong model leaves so much that its windows are cut again and again.
+        """
+        edges = self.fit.edges[: len(self.settled.edges)] if self.settled else []
+        experiments = self.shooting.responses.experiments
+        first = [
+            short_windows(experiment.measurement, cut[0], cut[-1])
+            for experiment, cut in zip(experiments, edges, strict=False)
+        ]
+        return sum(cut.size for cut in edges) <= sum(cut.size for cut in first)
+
+    @property
     def keys(self) -> list[str]:
         """Keys of the values."""
         return self.shooting.responses.keys
@@ -130,8 +144,8 @@ class Fitted:
 
     @property
     def relative_errors(self) -> dict[str, float]:
-        """Standard error of each value as a share of it, by its key."""
-        shares = self.standard_errors / np.maximum(np.abs(self.values), 1e-300)
+        """Standard error of each value as a share of it, or of its size (`units_of`), by key."""
+        shares = self.standard_errors / units_of(self.shooting.unknowns, self.values)
         return dict(zip(self.keys, map(float, shares), strict=True))
 
     @property

@@ -17,7 +17,14 @@ import numpy as np
 
 from harvester.identification.intervals import HALF_INTERVAL, normal_equations
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS, factor_key
+from harvester.identification.unknowns import (
+    BASE_FACTOR,
+    BASE_SCALE,
+    LITTLE,
+    LOAD,
+    MASS,
+    factor_key,
+)
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -118,7 +125,8 @@ def undetermined(
     unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
 ) -> list[Undetermined]:
     """Directions of relative values in which the standard error is too large."""
-    keys, units = [unknown.key for unknown in unknowns], _units(unknowns, values)
+    # A value that may be 0 is determined if its error is small beside a change of order one.
+    keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
     relative = covariance / np.outer(units, units)
     spread, directions = np.linalg.eigh(relative)
     unclear = []
@@ -158,10 +166,11 @@ def _determined_powers(relative, members):
     return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
 
 
-def _units(unknowns, values):
-    """Units of relative values: the value, or its size where it is much smaller and may be 0."""
+def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
+    """Units of relative values: the value, or its size where it may be 0 and is small."""
     sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
-    return np.where((np.abs(values) > 1e-3 * sizes) | (low > 0.0), np.abs(values), sizes)
+    values = np.abs(values)
+    return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
 
 
 def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
@@ -177,9 +186,9 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     if not known:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in known])
-    equations = normal_equations(problem, fit)
+    equations = normal_equations(problem, fit, at_minimum=False)
     p = len(fitted.keys)
-    units = _units(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
+    units = units_of(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
     result = []
     for index, (key, records) in enumerate(known):
         alone = equations.of([*range(p), p + index])

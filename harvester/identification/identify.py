@@ -230,14 +230,14 @@ def _determined(
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of the values that the records determine, and the keys kept at the scene's values.
 
-    Values of a model that does not explain the records are not claimed: they need no second fit.
+    A model that follows the records in fragments only has no values that are worth a second fit.
     """
     from harvester.identification.fitting import fitted
     from harvester.identification.identifiability import to_keep
 
     undetermined: list[tuple[str, Undetermined]] = []
     model = fitted(scene, measurements, keys, follow=follow)
-    while drop and (unclear := to_keep(model)) and model.explains:
+    while drop and (unclear := to_keep(model)) and model.follows:
         undetermined += unclear
         kept = {key for key, _ in undetermined}
         keys = [key for key in model.keys if key not in kept]

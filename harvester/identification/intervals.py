@@ -112,8 +112,17 @@ def _ridge(normal):
     return SMALLEST_EIGENVALUE * np.diag(sizes)
 
 
-def normal_equations(shooting: Shooting, fit: ShootingFit) -> NormalEquations:
-    """Sums of a fit's Jacobian, in sizes of the unknowns."""
+def normal_equations(
+    shooting: Shooting, fit: ShootingFit, at_minimum: bool = True
+) -> NormalEquations:
+    """Sums of a fit's Jacobian, in sizes of the unknowns.
+
+    Parameters
+    ----------
+    at_minimum : bool
+        False if the values of some unknowns are not fitted. Residuals that their errors have caused
+        are then no noise.
+    """
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
@@ -122,8 +131,7 @@ def normal_equations(shooting: Shooting, fit: ShootingFit) -> NormalEquations:
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
     gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
     inverse = _inverse(normal + _ridge(normal))
-    # Residuals that an error of a value has caused are no noise.
-    step = -inverse @ gradient
+    step = 0.0 * gradient if at_minimum else -inverse @ gradient
     meats = []
     for number, (columns, states, left) in enumerate(parts):
         left = left + columns @ step

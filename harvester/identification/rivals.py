@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from harvester.base.errors import HarvesterError
-from harvester.identification.fitting import LITTLE, NOTED, Fitted, fitted
+from harvester.identification.fitting import NOTED, Fitted, fitted
 from harvester.identification.intervals import normal_equations
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.unknowns import (
     DRAG,
     FORCE,
+    LITTLE,
     LOAD,
     as_coefficients,
     factor_key,

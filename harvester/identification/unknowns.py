@@ -39,6 +39,8 @@ SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3
 # A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
+# Share of a size that is too little to change the motion.
+LITTLE = 1e-6
 POWERS = 8
 
 
@@ -144,6 +146,9 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
         low = spec.low
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
+        if key == DRAG:
+            # A drag of 0 is no number of a scene.
+            low = LITTLE * size
         result.append(Unknown(key, float(start), low, spec.high, size))
     return result
 

@@ -49,9 +49,8 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     if not isinstance(target, (str, os.PathLike)):
         raise HarvesterError(f"save: {shown(target)}: is no path of a file or a folder")
     directory = Path(target)
-    if directory.suffix in ENDINGS or (
-        not name and directory.suffix[1:].isalpha() and not directory.is_dir()
-    ):
+    has_ending = directory.suffix[1:].isalpha() and not directory.is_dir()
+    if directory.suffix in ENDINGS or (has_ending and not name):
         _write_one(result, directory)
         return [directory.name]
     view, names = result.view(), []

@@ -220,7 +220,7 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
             # A correlation from differences scatters √2 times as far as one from deviations.
             share = _share_in_common(neighbours, math.sqrt(2.0 / series.size), expected)
             neighbours = max(neighbours, share * expected, 0.0)
-            factor = max(1.0 + share * (factor - 1.0), 1.0 + 2.0 * neighbours)
+            factor = max(1.0 + 2.0 * neighbours, 1.0 + share * (factor - 1.0))
             return _raised(0.5 * total / (1.0 - neighbours), series.size / factor)
         series, memory = _joined(series), 0.5 * memory
     return None

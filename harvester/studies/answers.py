@@ -25,6 +25,8 @@ from harvester.statistics.strain import without_line
 # missed once in a hundred times.
 STARTS = 16
 
+SPENT = "the time budget was spent: with a folder (output) the same command goes on where it ended"
+
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
     """An engine or a closure that takes the scene's load.
@@ -74,14 +76,16 @@ def check_quantities(
 
 def first_answer(runner: Any, request: Request) -> Any:
     """The answer to a study's first request, or the error that stops the study."""
-    (answer,) = runner.answer([request])
-    if answer is None:
-        raise OutOfTime(
-            "the time budget was spent before the first run ended; repeat the command to continue"
-        )
-    if isinstance(answer, HarvesterError):
-        raise answer
+    (answer,) = successful(runner.answer([request]))
     return answer
+
+
+def successful(outcomes: Sequence) -> Sequence:
+    """Outcomes of runs; raises the error of one that failed, or OutOfTime for a missing one."""
+    for outcome in outcomes:
+        if outcome is None or isinstance(outcome, HarvesterError):
+            raise outcome or OutOfTime(SPENT)
+    return outcomes
 
 
 def is_complete(answer: Any) -> bool:
@@ -134,10 +138,7 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
     """Answers of `engines.runner.Runner.answer` to requests, or OutOfTime."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
-        raise OutOfTime(
-            "the time budget was spent before the optimum was found; with a folder (output) the "
-            "same command goes on"
-        )
+        raise OutOfTime(SPENT)
     return answers
 
 

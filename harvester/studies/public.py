@@ -217,6 +217,7 @@ def frequency_response(
     from harvester.engines.task import Task
     from harvester.scene.prepared import prepared
     from harvester.studies import frequency_response as work
+    from harvester.studies.answers import successful
 
     engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
@@ -228,14 +229,9 @@ def frequency_response(
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
-        outcomes = runner.run(
-            [Task(work.one_direction, argument, version, engine.name) for argument in arguments]
-        )
-    for outcome in outcomes:
-        if isinstance(outcome, HarvesterError):
-            raise outcome
-    if None in outcomes:
-        raise HarvesterError("the time budget was spent: repeat the same command to continue")
+        arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
+        tasks = [Task(work.one_direction, values, version, engine.name) for values in arguments]
+        outcomes = successful(runner.run(tasks))
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]

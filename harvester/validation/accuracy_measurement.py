@@ -18,7 +18,7 @@ import numpy as np
 
 from circuits.kernel.engine import circuit_of
 from harvester.averaging.closures import NOISE_CLOSURES
-from harvester.base.errors import HarvesterError, OutOfTime
+from harvester.base.errors import HarvesterError
 from harvester.base.serialising import LEFT_OUT, key, plain
 from harvester.device import timescales
 from harvester.engines.methods import engine_of
@@ -41,6 +41,7 @@ from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import estimate_output
 from harvester.statistics.paired import deviations, paired_difference
 from harvester.statistics.run_quantities import estimate_all
+from harvester.studies.answers import successful
 from harvester.validation import (
     EFFICIENCY,
     MEANS,
@@ -284,7 +285,7 @@ def measure(
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
     if methods is None and not with_load:
         # It runs alone, since other tasks would slow down the processors that it measures.
-        speeds = _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
+        speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
         compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
@@ -300,7 +301,7 @@ def measure(
         Request(run.scene, reference.engine, step=reference.step(run), moments=True)
         for run in scenes.values()
     ]
-    answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
+    answers = dict(zip(scenes, successful(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
     references = {
@@ -350,14 +351,6 @@ def _row(method, run, path_errors, reference, answer, scatter):
     return MethodRow(method, run, "", mean_step, strong, bias, sampling, errors)
 
 
-def _there(outcomes):
-    """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
-    for outcome in outcomes:
-        if outcome is None or isinstance(outcome, HarvesterError):
-            raise outcome or OutOfTime("the time budget was spent before the reference was there")
-    return outcomes
-
-
 def _brief_scene(model, realizations):
     """Runs for slow methods: half of each for the transient, or less if `run.settle` is."""
     scene = model.scene
@@ -382,11 +375,11 @@ def _exact_paths(model, with_load, runner):
     """The states that errors are deviations of, shape (realizations, knots, 3)."""
     if with_load:
         [outcomes] = _answers([(model, LOAD_PATHS, 1)], runner, paths_at_knots)
-        return np.concatenate([answer["states"] for answer in _there(outcomes)])
+        return np.concatenate([answer["states"] for answer in successful(outcomes)])
     scene = model.scene
     indices = range(scene.run.realizations)
     tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in indices]
-    return np.array(_there(runner.run(tasks)))
+    return np.array(successful(runner.run(tasks)))
 
 
 def _strong_errors(model, methods, exact, runner):

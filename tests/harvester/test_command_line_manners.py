@@ -205,3 +205,10 @@ def test_an_interrupt_that_c_code_loses_ends_the_command(monkeypatch, capsys):
         signal.signal(signal.SIGINT, before)
     assert waited == ["goes on"]
     assert capsys.readouterr().err == "harvester: interrupted; nothing was written\n"
+
+
+def test_a_netlist_says_where_it_was_written(tmp_path, capsys):
+    file = tmp_path / "paper.cir"
+    assert main(["netlist", "paper", "--set", "run.duration=5", "--output", str(file)]) == 0
+    assert f"written: {file}" in capsys.readouterr().err
+    assert file.exists()

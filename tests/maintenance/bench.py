@@ -59,7 +59,8 @@ PARTS = {
     "integrate": ("/averaging/", "monte_carlo/", "kernel/engine.py:integrate", "ngspice/session",
                   "excitation/", "identification/", "/scipy/"),
     "prepare": ("harvester/scene/", "harvester/device/", "circuits/"),
-    "wait": ("threading.py", "subprocess.py", "worker_main.py", "selectors.py", "worker_pool.py"),
+    "wait": ("threading.py", "subprocess.py", "worker_main.py", "selectors.py", "worker_pool.py",
+             "runner.py:_collect"),
 }  # fmt: skip
 # What the tasks write, and would continue.
 WRITTEN = ("validated", "page.html")
@@ -141,7 +142,7 @@ def _of_wall(logs, wall):
         for end, length, part in worker
         if part != "wait" and waits.size
     )
-    if meanwhile:
+    if sum(meanwhile.values()):
         busy = parts.pop("wait") / sum(meanwhile.values())
         for part, seconds in meanwhile.items():
             parts[part] += busy * seconds

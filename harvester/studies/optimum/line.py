@@ -38,7 +38,13 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.passivity import store_notes
 from harvester.statistics.run_estimates import error_of
 from harvester.statistics.units import unit_of
-from harvester.studies.answers import answers_in_time, longer_runs, missing_from, on_common_knots
+from harvester.studies.answers import (
+    answers_in_time,
+    longer_runs,
+    missing_from,
+    on_common_knots,
+    successful,
+)
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
@@ -101,8 +107,7 @@ def along(
     simulation = search.request(axis.coordinate(maximum.estimate), **aim)
     requests = [simulation, Request(at_maximum, closure)]
     simulated, by_closure = answers_in_time(runner, requests)
-    if isinstance(simulated, HarvesterError):
-        raise simulated
+    successful([simulated])
     refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
     value_of_closure = None if refused else amount(by_closure, quantity)
     return Optimum(
@@ -222,10 +227,8 @@ class Search:
 
     def _answers(self, coordinates):
         requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
-        answers = answers_in_time(self._runner, requests)
+        answers = successful(answers_in_time(self._runner, requests))
         for answer in answers:
-            if isinstance(answer, HarvesterError):
-                raise answer
             self._missing += missing_from(self.quantity, answer.quantities[self.quantity])
         return answers
 

@@ -25,7 +25,7 @@ from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.passivity import store_notes
 from harvester.statistics.units import unit_of
-from harvester.studies.answers import first_answer, is_noisy
+from harvester.studies.answers import first_answer, is_noisy, successful
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges
 from harvester.studies.optimum.objective import Objective
@@ -85,9 +85,7 @@ def over_several(
         location, answer, sides = climb(objective, _refined(objective, location), stage)
     if objective.noisy:
         asked = {"precision": precision, "quantities": (quantity,)}
-        (answer,) = objective.answers([location], VALUE, **asked)
-        if isinstance(answer, HarvesterError):
-            raise answer
+        (answer,) = successful(objective.answers([location], VALUE, **asked))
     dimension = answer.in_units()[quantity].dimension
     return Optimum(
         scene=scene,

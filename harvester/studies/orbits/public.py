@@ -168,6 +168,7 @@ def bifurcation(
     import numpy as np
 
     from harvester.engines.opening import open_runner
+    from harvester.studies.answers import successful
     from harvester.studies.orbits import bifurcation as work
     from harvester.studies.orbits.following import check_periods, periods_of
 
@@ -184,14 +185,8 @@ def bifurcation(
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        (outcome,) = runner.follow(
-            [work.climbing(scene, key, rising, engine, version, periods, directions)]
-        )
-    if isinstance(outcome, HarvesterError):
-        raise outcome
-    if outcome is None:
-        raise HarvesterError("the time budget was spent: repeat the same command to continue")
-    branches, failures = outcome
+        plan = work.climbing(scene, key, rising, engine, version, periods, directions)
+        ((branches, failures),) = successful(runner.follow([plan]))
     return work.Bifurcation(
         scene=scene,
         key=key,

@@ -86,7 +86,7 @@ def test_a_step_that_passes_over_the_contact_is_refused():
         "paper", ["stoppers.stiffness=1e6", "run.realizations=2", "run.duration=1", "run.settle=0"]
     )
     ready = prepared(scene)
-    with pytest.raises(NetlistError, match=r"choose --step 0\.0014 or less"):
+    with pytest.raises(NetlistError, match=r"choose step = 0\.0014 or less"):
         stand_alone(prepared(scene), noise_path(ready, 0))
     assert stand_alone(prepared(scene), noise_path(ready, 0), step=0.0014).step <= 0.0014
 

@@ -1,3 +1,4 @@
+import time
 from concurrent.futures import Future
 
 import effort
@@ -5,13 +6,21 @@ import pytest
 import worker_calls
 
 from harvester.base.errors import SimulatorCrashed
-from harvester.base.worker_pool import gather
+from harvester.base.worker_pool import WorkerPool, gather
 
 
 @pytest.mark.slow
 def test_results_of_a_pool_keep_their_order(pool):
     calls = [{"text": text} for text in "abcdef"]
     assert pool.map(worker_calls.say, calls) == list("ABCDEF")
+
+
+def test_the_processes_of_a_pool_start_before_its_first_call():
+    with WorkerPool(workers=2) as pool:
+        deadline = time.monotonic() + 30.0
+        while any(worker.process_id is None for worker in pool._workers):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
 
 
 @pytest.mark.slow

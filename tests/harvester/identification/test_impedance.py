@@ -188,7 +188,7 @@ def test_records_in_time_responses_and_an_impedance_are_fitted_together(with_imp
     known = rate * capacitance + rate * coupling**2 / mechanical
     analysed = MeasuredImpedance(frequency, noisy(rng, 1.0 / known)) if with_impedance else None
     begun = {
-        "oscillator.mass": 0.002 if with_impedance else mass,
+        "oscillator.mass": 0.006 if with_impedance else mass,
         "oscillator.damping": 0.08,
         "oscillator.restoring_force": [0.0, 0.8 * stiffness, 0.0, 0.5 * cubic],
         "piezo": {"coupling": 8e-4, "capacitance": 6e-8},

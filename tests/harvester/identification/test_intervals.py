@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from harvester.identification.intervals import HALF_INTERVAL, covariance
+from harvester.identification.intervals import HALF_INTERVAL, covariance, normal_equations
 from harvester.identification.response import Experiment
 from harvester.identification.shooting import without_states
 
@@ -16,7 +16,7 @@ SAMPLES, WINDOWS, UNKNOWNS = 6000, 3, 8
 EDGES = np.linspace(0, SAMPLES, WINDOWS + 1).astype(int)
 
 
-def fitted(effects, starts, residuals, edges=EDGES, responses=None, noise=None):
+def fitted(effects, starts, residuals, edges=EDGES, responses=None, noise=None, solve=covariance):
     """What `covariance` asks for, of a model that is linear in unknowns and windows' starts.
 
     Shapes (samples, outputs, unknowns), (samples, outputs, 3) and (samples, outputs).
@@ -29,7 +29,7 @@ def fitted(effects, starts, residuals, edges=EDGES, responses=None, noise=None):
         jacobian=lambda fit, number: (table, None),
     )
     fit = SimpleNamespace(edges=[edges], values=None, starts=[None], noise=[noise])
-    return covariance(shooting, fit)
+    return solve(shooting, fit)
 
 
 def test_an_interval_holds_95_percent_of_a_normal():
@@ -74,6 +74,18 @@ def test_a_constant_is_known_less_well_under_residuals_with_a_memory():
         found = fitted(ones, np.zeros((SAMPLES, 1, 3)), residuals - residuals.mean())
         ratios.append(np.sqrt(found[0, 0] * SAMPLES * (1.0 - memory) / (1.0 + memory)))
     assert np.median(ratios) == pytest.approx(1.0, rel=0.2)
+
+
+def test_only_an_error_of_a_value_that_is_not_fitted_is_no_noise():
+    """Residuals of 1 ± 1: their mean widens an interval unless the value may still move."""
+    residuals = 1.0 + np.random.default_rng(3).standard_normal((SAMPLES, 1))
+    table = np.ones((SAMPLES, 1, 1)), np.zeros((SAMPLES, 1, 3)), residuals
+
+    def moved(shooting, fit):
+        return normal_equations(shooting, fit, at_minimum=False).covariance
+
+    assert fitted(*table, solve=moved)[0, 0] * SAMPLES == pytest.approx(1.0, rel=0.5)
+    assert fitted(*table)[0, 0] * SAMPLES > 10.0
 
 
 RESONANCE = 2.0 * np.pi / 12.0

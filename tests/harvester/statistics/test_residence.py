@@ -115,7 +115,8 @@ def test_a_paired_difference_has_the_error_of_the_rates_of_jumps():
     """Two runs without a jump in common: their shares' errors add up."""
     scene, one, share, error = two_wells(5)
     _, other, _, _ = two_wells(6)
-    results = [SimpleNamespace(scene=scene, moments=each) for each in (one, other)]
+    made = {"scene": scene, "prepared_scene": prepared(scene)}
+    results = [SimpleNamespace(**made, moments=each) for each in (one, other)]
     found = paired_difference(*results)["mean_power"]
     mean, noise = 1.0 + 2.0 * share, 0.3 / math.sqrt(len(one) * len(one[0].integrals))
     wanted = math.sqrt(2.0) * math.hypot(2.0 * error, noise) / mean

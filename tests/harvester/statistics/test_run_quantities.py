@@ -326,7 +326,10 @@ def test_what_two_results_have_in_common_cancels_from_their_difference():
     system = prepared(scene).system
 
     def difference(name, left, right):
-        results = (SimpleNamespace(scene=scene, moments=each) for each in (left, right))
+        results = (
+            SimpleNamespace(scene=scene, prepared_scene=prepared(scene), moments=each)
+            for each in (left, right)
+        )
         return paired_difference(*results)[name]
 
     for name in ("mean_power", "power_conversion_efficiency"):

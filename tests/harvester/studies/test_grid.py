@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from harvester.base.errors import HarvesterError
@@ -73,3 +74,16 @@ def test_storage_charges_while_the_run_settles(device):
 def test_mistakes_are_refused_before_anything_runs(device, loads, sweeps, said):
     with pytest.raises(HarvesterError, match=said):
         make_grid(device, loads, sweeps)
+
+
+def test_points_of_a_smooth_record_keep_its_knots(device, tmp_path):
+    """Its knots are the record's own, the same at all points."""
+    samples = np.random.default_rng(1).standard_normal(4000)
+    rows = "\n".join(f"{k * 0.002:.6g},{value:.6g}" for k, value in enumerate(samples))
+    (tmp_path / "shaker.csv").write_text(f"time [s],acceleration [m/s^2]\n{rows}\n")
+    record = {"kind": "record", "file": str(tmp_path / "shaker.csv"), "interpolation": "smooth"}
+    run = {"run.duration": 4.0, "run.settle": 1.0}
+    scene = device.replace({"excitation": record, **run})
+    grid = make_grid(scene, [], {"load.resistance": [1e4, 1e6]})
+    assert [point.scene.load.resistance for point in grid.points] == [1e4, 1e6]
+    assert all(point.scene.excitation == scene.excitation for point in grid.points)

@@ -404,5 +404,5 @@ def test_an_open_runner_reports_each_task_of_an_optimum(pool):
 
 
 def test_an_end_that_is_no_number_is_refused():
-    with pytest.raises(HarvesterError, match=r"over\['load\.decay_rate'\]: '100k': must be a num"):
+    with pytest.raises(HarvesterError, match="low '100k': must be a number; write 100000 without"):
         optimum(LINEAR, "load.decay_rate", low="100k", high=2.0, method="consistent")
