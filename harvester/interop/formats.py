@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import nearest
-from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -76,6 +75,9 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
+    # The command line reads this module for its help, where numpy would be felt.
+    from harvester.scene.prepared import prepared
+
     paths = writer(prepared(scene), output, **arguments)
     for path in paths:
         report(f"written: {path}")
