@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real
+from harvester.base.plain_text import named, nearest
 from harvester.base.registry import Registry
 from harvester.base.signatures import Share
 
@@ -261,13 +263,16 @@ def check_step(step: str | float) -> str | float:
     """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.scene.steps import STEP_LEVELS
 
-    if isinstance(step, str) and step not in STEP_LEVELS:
-        try:
+    if isinstance(step, str) and step in STEP_LEVELS:
+        return step
+    if isinstance(step, str):
+        with contextlib.suppress(ValueError):
             step = float(step)
-        except ValueError:
-            return check_name("step", str(step), STEP_LEVELS)
-    if not isinstance(step, str) and not (is_real(step) and 0.0 < step < math.inf):
-        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
+    if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
+        raise HarvesterError(
+            f"step {named(step)}{nearest(step, STEP_LEVELS)}: must be one of "
+            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds > 0"
+        )
     return step
 
 

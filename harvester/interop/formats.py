@@ -60,6 +60,8 @@ def write(
     HarvesterError
         No such format, or an option that it does not have.
     """
+    from harvester.scene.prepared import prepared
+
     if kind not in FORMATS:
         raise HarvesterError(
             f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
