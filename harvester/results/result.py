@@ -142,13 +142,16 @@ class Result(ResultBase):
     attractors: tuple[Attractor, ...] = field(default=(), metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
-        densities = Named(f"{self.scene.name}: no density of", self.densities)
+        why = "" if self.densities else " (JSON holds none: run the scene again)"
+        densities = Named(f"{self.scene.name}: no density{why} of", self.densities)
         object.__setattr__(self, "densities", densities)
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
+            if name in (*self.densities, "density", "densities"):
+                missing = f'no quantity {name}: to_dataframe("densities") and densities[name] are'
             if missing:
                 raise UnknownQuantity(missing)
             return super().__getitem__(name)
@@ -156,12 +159,6 @@ class Result(ResultBase):
         return estimate.times(self.scales.of(estimate.dimension), self.unit(estimate.dimension))
 
     __getitem__ = quantity
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            hint = f': result["{name}"]' if name in vars(self).get("scaled_quantities", ()) else ""
-            raise AttributeError(f"a Result has no attribute {name}{hint}")
 
     def _numbers(self) -> Named:
         """All estimates that the table shows: each mean square is followed by its root."""
@@ -284,8 +281,9 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            errors: Any = density.standard_error
-            errors = [None] * density.centre.size if errors is None else errors / scale
+            errors: Any = math.nan if density.standard_error is None else density.standard_error
+            # An empty bin has no error bar: its counts did not vary.
+            errors = np.where(density.density > 0.0, errors, math.nan) / scale
             columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
             rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)
