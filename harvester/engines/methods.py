@@ -12,7 +12,7 @@ from harvester.averaging.method import Stationary
 from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real
+from harvester.base.numbers import is_real, on_quotes
 from harvester.base.registry import Registry
 from harvester.base.signatures import Share
 
@@ -232,10 +232,10 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     _check_options(options)
     from harvester.averaging.closures import CLOSURES
 
-    if isinstance(method, Stationary) or method in CLOSURES:
+    if isinstance(method, Stationary) or str(method).replace("-", "_") in (*CLOSURES, "averaging"):
         raise HarvesterError(
-            f"method {method}: is a closure, which does not simulate: it is for average, sweep, "
-            f"load_study and optimum; here there are {', '.join(ENGINES)}"
+            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} are "
+            f"for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
         )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
@@ -250,7 +250,6 @@ def method_of(method: str | Method, **options: Any) -> Method:
     from harvester.averaging.closures import CLOSURES
 
     if isinstance(method, Stationary):
-        check_name("method", method.closure, CLOSURES)
         return method.check_options_agree(options, DEFAULTS)
     check_name("method", str(method), {**ENGINES, **CLOSURES})
     _check_options(options)
@@ -261,13 +260,13 @@ def check_step(step: str | float) -> str | float:
     """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.scene.steps import STEP_LEVELS
 
-    if isinstance(step, str) and step not in STEP_LEVELS:
-        try:
-            step = float(step)
-        except ValueError:
-            return check_name("step", str(step), STEP_LEVELS)
-    if not isinstance(step, str) and not (is_real(step) and 0.0 < step < math.inf):
-        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
+    if isinstance(step, str) and not on_quotes(step):
+        return check_name("step", step, STEP_LEVELS)
+    if not (is_real(step) and 0.0 < step < math.inf):
+        levels = ", ".join(STEP_LEVELS)
+        raise HarvesterError(
+            f"step {step}: must be one of {levels} or seconds > 0{on_quotes(step)}"
+        )
     return step
 
 

@@ -151,7 +151,7 @@ class Result(ResultBase):
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
             if name in (*self.densities, "density", "densities"):
-                missing = f'no quantity {name}: to_dataframe("densities") and densities[name] are'
+                missing = f'no quantity {name}; densities: to_dataframe("densities"), .densities'
             if missing:
                 raise UnknownQuantity(missing)
             return super().__getitem__(name)
@@ -257,13 +257,11 @@ class Result(ResultBase):
             coordinates[name] = (name, density.centre * scale, {"unit": across})
             _add_density(variables, name, name, density, scale, across)
         if self.joint_density is not None:
-            names, area = [], 1.0
-            for name in ("displacement", "velocity"):
-                axis, scale = f"joint_{name}", self.scales.of(name)
-                values = getattr(self.joint_density, name) * scale
+            names = ["joint_displacement", "joint_velocity"]
+            for name, axis in zip(("displacement", "velocity"), names, strict=True):
+                values = getattr(self.joint_density, name) * self.scales.of(name)
                 coordinates[axis] = (axis, values, {"unit": self.unit(name)})
-                names.append(axis)
-                area *= scale
+            area = self.scales.of("displacement") * self.scales.of("velocity")
             across = f"{self.unit('displacement')} {self.unit('velocity')}"
             _add_density(variables, "joint", names, self.joint_density, area, across)
         attributes = {
@@ -311,9 +309,9 @@ class Result(ResultBase):
         Mean squares are followed by their roots, values without an error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
-        header = ["quantity", "unit"]
-        header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
-        header += [] if numerical else ["effective samples"]
+        value = "value ± numerical" if numerical else "estimate ± standard"
+        header = ["quantity", "unit", f"{value} error"]
+        header += ["effective samples"] * (not numerical)
         printed = self._numbers()
         # A value without an error bar has a note that says why.
         reasons = {

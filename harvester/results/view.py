@@ -71,8 +71,8 @@ class Picture:
         from harvester.results.page import figure_of
 
         figure = self.figure()
-        alternative = alternative or caption or self.name or "figure"
-        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
+        words = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), words, caption)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import hashlib
 import html
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
@@ -70,15 +71,16 @@ class Scene(Table):
         setattr(self, key, value)
 
     @classmethod
-    def read(cls, source: str | Path, overrides: Overrides = ()) -> Scene:
+    def read(cls, source: str | Path, overrides: Overrides | Mapping[str, Any] = ()) -> Scene:
         """Read a scene from a TOML file or by the name of a built-in one.
 
         Parameters
         ----------
         source : str or Path
             Built-in name, or path of a TOML file.
-        overrides : iterable of str
-            `table.key=value` as on the command line; `table=none` removes a table.
+        overrides : iterable of str, or dict
+            `table.key=value` as on the command line; `table=none` removes a table. A dict is as in
+            `replace`.
 
         Raises
         ------

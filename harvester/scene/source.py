@@ -45,7 +45,8 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
             for key in FILES & {*table}:
                 if isinstance(table[key], str):
                     table[key] = str(path.parent / table[key])
-    put_all(tables, dict(map(parsed, texts(overrides))), "--set")
+    changes = overrides if isinstance(overrides, Mapping) else map(parsed, texts(overrides))
+    put_all(tables, dict(changes), "--set")
     return tables, path
 
 
