@@ -234,8 +234,8 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
     if isinstance(method, Stationary) or str(method).replace("-", "_") in (*CLOSURES, "averaging"):
         raise HarvesterError(
-            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} are "
-            f"for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
+            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} "
+            f"are for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
         )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):

@@ -8,7 +8,6 @@ import hashlib
 import html
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
@@ -71,7 +70,7 @@ class Scene(Table):
         setattr(self, key, value)
 
     @classmethod
-    def read(cls, source: str | Path, overrides: Overrides | Mapping[str, Any] = ()) -> Scene:
+    def read(cls, source: str | Path, overrides: Overrides = ()) -> Scene:
         """Read a scene from a TOML file or by the name of a built-in one.
 
         Parameters

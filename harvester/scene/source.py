@@ -27,7 +27,9 @@ def built_in_names() -> list[str]:
     return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
 
 
-def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, Any], Path]:
+def tables_of(
+    source: str | Path, overrides: Iterable[str] | Mapping[str, Any]
+) -> tuple[dict[str, Any], Path]:
     """Tables of a scene with its overrides put in, and the path that they were read from.
 
     `source`, `overrides`: see `harvester.scene.model.Scene.read`. Raises SceneError.
