@@ -195,9 +195,7 @@ Window = Annotated[
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", join=as_list)]
 Faults = Annotated[Sequence[str], Kind("FAULT", join=as_list)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", join=as_list)]
-Overrides = Annotated[
-    Sequence[str] | Mapping[str, Any], Kind("TABLE.KEY=VALUE", option="set", join=as_list)
-]
+Overrides = Annotated[Sequence[str] | dict, Kind("TABLE.KEY=VALUE", option="set", join=as_list)]
 
 
 class RunnerOptions(TypedDict, total=False):

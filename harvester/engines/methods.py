@@ -262,7 +262,7 @@ def check_step(step: str | float) -> str | float:
 
     if isinstance(step, str) and not on_quotes(step):
         return check_name("step", step, STEP_LEVELS)
-    if not (is_real(step) and 0.0 < step < math.inf):
+    if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
         levels = ", ".join(STEP_LEVELS)
         raise HarvesterError(
             f"step {step}: must be one of {levels} or seconds > 0{on_quotes(step)}"

@@ -279,9 +279,7 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            errors: Any = math.nan if density.standard_error is None else density.standard_error
-            # An empty bin has no error bar: its counts did not vary.
-            errors = np.where(density.density > 0.0, errors, math.nan) / scale
+            errors = _bin_errors(density) / scale
             columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
             rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)
@@ -420,8 +418,13 @@ def _add_density(variables, name, axes, density, scale, unit):
     inverse = {"unit": f"1/({unit})"}
     variables[f"{name}_density"] = (axes, density.density / scale, inverse)
     if density.standard_error is not None:
-        errors = density.standard_error / scale
+        errors = _bin_errors(density) / scale
         variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
+
+
+def _bin_errors(density):
+    """Standard errors as numbers; NaN without one, and in an empty bin, whose counts never vary."""
+    return np.where(density.density != 0.0, np.asarray(density.standard_error, float), math.nan)
 
 
 def _result_of(kind, content, folder):

@@ -39,7 +39,7 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
                 keys = (
                     key for key, spec in every_key(classes[name]).items() if spec.kind is not str
                 )
-                noun = f'a table such as {{"{next(keys, "key")}": …}}'
+                noun = f'a table such as {{"{next(numeric, "key")}": …}}'
             raise SceneError(f"{origin}: {name} = {shown(value)}: must be {noun}")
     spec = Top.KEYS["units"]
     if "units" not in tables:

@@ -93,9 +93,7 @@ class Estimate:
             raise self._refused(f", numpy.{function.__name__}")
         if not np.ndim(values[0]):
             return self * values[0]
-        products = np.empty(np.shape(values[0]), dtype=object)
-        products.flat = [self * value for value in np.ravel(values[0])]
-        return products
+        return np.vectorize(self.__mul__, otypes=[object])(values[0])
 
     def _no_result(self, *others: Any) -> Any:
         """Refuse what has no error bar: two estimates on the same noise are not independent."""
