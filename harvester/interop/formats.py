@@ -78,7 +78,6 @@ def write(
     if "report" in parameters:
         arguments["report"] = report
     # The command line reads this module for its help, where numpy would be felt.
-    from harvester.scene.prepared import prepared
 
     paths = writer(prepared(scene), output, **arguments)
     for path in paths:

@@ -160,7 +160,9 @@ def test_k2_is_refused_where_it_means_nothing(name, overrides, words):
 def test_overrides_that_take_each_other_out_are_refused():
     both = ["load.netlist=bridge", "load.resistance=10k"]
     for overrides in (both, both[::-1]):
-        with pytest.raises(SceneError, match=r"overrides load\.\w+ and load\.\w+ exclude each other"):
+        with pytest.raises(
+            SceneError, match=r"overrides load\.\w+ and load\.\w+ exclude each other"
+        ):
             Scene.read("device", overrides)
     assert Scene.read("device", [*both, "load.netlist=none"]).load.resistance == 1e4
 
