@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from harvester.base.arguments import check_name
 from harvester.base.method import Method
 from harvester.base.signatures import Share
 
@@ -26,6 +27,11 @@ class Stationary(Method):
     tolerance: Share | None = None
     fit: bool = False
     jump_rates: bool = False
+
+    def __post_init__(self) -> None:
+        from harvester.averaging.closures import CLOSURES
+
+        check_name("method", self.closure, CLOSURES)
 
     @property
     def settings(self) -> dict[str, Any]:

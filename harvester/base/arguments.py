@@ -148,7 +148,9 @@ def check_processes(options: Mapping[str, Any]) -> None:
 def checked_progress(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
     """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
     if not callable(progress):
-        raise HarvesterError(f"progress = {shown(progress)}: must be a function of two arguments")
+        raise HarvesterError(
+            f"progress = {shown(progress)}: must be a function of two arguments, or left out"
+        )
 
     def follow(share: float, words: str) -> None:
         try:

@@ -25,7 +25,8 @@ class Method(ABC):
         from harvester.base.signatures import check_options
 
         names = [field.name for field in fields(cls)]
-        check_known(cls.__name__, named, names)
+        hint = f"{cls.__name__} (scene.replace sets run.seed, run.realizations and other keys)"
+        check_known(hint, named, names)
         if len(settings) > len(names):
             raise UnknownOption(f"{cls.__name__}: has {len(names)} settings; name them")
         check_options(cls.__init__, {**dict(zip(names, settings, strict=False)), **named})

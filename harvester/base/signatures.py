@@ -147,13 +147,14 @@ Step = Annotated[
         "STEP",
         "default, fine, finest or a number of seconds > 0",
         lambda value: isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0,
+        read=lambda text: float(text) if on_quotes(text) else text,
     ),
 ]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
 Hertz = Annotated[float, Kind("HERTZ", "a number of hertz > 0", _positive)]
 Metres = Annotated[float, Kind("METRES", "a number of metres > 0", _positive)]
-Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
+Share = Annotated[float, Kind("SHARE", "a number in (0, 1), 0.01 for 1 %", _share)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", f"written as {LIST}", read=grid_of)]
@@ -194,7 +195,7 @@ Window = Annotated[
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", join=as_list)]
 Faults = Annotated[Sequence[str], Kind("FAULT", join=as_list)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", join=as_list)]
-Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", join=as_list)]
+Overrides = Annotated[Sequence[str] | dict, Kind("TABLE.KEY=VALUE", option="set", join=as_list)]
 
 
 class RunnerOptions(TypedDict, total=False):

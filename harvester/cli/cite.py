@@ -30,8 +30,7 @@ def cite(result: File | None = None, /) -> None:
 
         harvester cite results/paper-validate.json
     """
-    sources = sources_of(_read(result), named(result)) if result else all_sources()
-    for source in sources:
+    for source in sources_of(_read(result), named(result)) if result else all_sources():
         print(f"{source['method']}:\n    {source['reference']}")
 
 

@@ -141,9 +141,7 @@ def show_view(view: View, title: str, to_stderr: bool = False) -> None:
         console.print(block, soft_wrap=False)
     sketched = console.is_terminal and not console.no_color and not console.options.ascii_only
     sketch = density_sketch(view.methods) if sketched else []
-    for line in footnotes:
-        console.print(one_line(line))
-    for line in view.alarms:
-        console.print(one_line(line), style="bold red")
-    for line in (*sketch, *view.findings):
-        console.print(one_line(line))
+    plain = [*sketch, *view.findings]
+    for lines, style in ((footnotes, ""), (view.alarms, "bold red"), (plain, "")):
+        for line in lines:
+            console.print(one_line(line), style=style)

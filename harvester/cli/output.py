@@ -84,6 +84,5 @@ def write_result(
             write_json(json, result.to_dict())
     finally:
         if output:
-            folder = os.fspath(output)
-            save(result, folder, name)
-            say(f"written to {folder}: {name}.*")
+            save(result, output, name)
+            say(f"written to {output}: {name}.*")

@@ -11,6 +11,7 @@ From the declaration follow the check of a scene, its TOML and JSON, `--set`, th
 from __future__ import annotations
 
 import math
+from abc import ABCMeta
 from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
@@ -28,6 +29,7 @@ NAMED_VALUES = "named values"
 SMALLEST, LARGEST = 1e-30, 1e30
 # These units are the same in scaled scenes.
 ALWAYS = ("s", "1/s", "Hz", "1")
+READ_OR_BUILD = 'a scene is Scene.read("file.toml") or Scene.from_tables({"oscillator": {…}, …})'
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,23 @@ def word(text: str, words: Collection[str], **more: Any) -> Any:
     return key(text, kind=str, words=words, **more)
 
 
-class Table:
+class TableType(ABCMeta):
+    """Class of tables: its messages name the two ways to a scene."""
+
+    if not TYPE_CHECKING:
+
+        def __call__(cls, *values, **named_values):
+            try:
+                return super().__call__(*values, **named_values)
+            except TypeError as error:
+                raise SceneError(f"{cls.__name__}(…): {error}; {READ_OR_BUILD}") from None
+
+        def __getattr__(cls, name):
+            hint = nearest(name, [key for key in dir(cls) if key[0] != "_"])
+            raise AttributeError(f"{cls.__name__} has no {name}{hint}; {READ_OR_BUILD}")
+
+
+class Table(metaclass=TableType):
     """Base of the classes of tables; `table` fills `KEYS`.
 
     Attributes

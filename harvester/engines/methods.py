@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from harvester.averaging.method import Stationary
 from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real
+from harvester.base.numbers import is_real, on_quotes
 from harvester.base.plain_text import named, nearest
 from harvester.base.registry import Registry
 from harvester.base.signatures import Share
@@ -234,10 +233,10 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     _check_options(options)
     from harvester.averaging.closures import CLOSURES
 
-    if isinstance(method, Stationary) or method in CLOSURES:
+    if isinstance(method, Stationary) or str(method).replace("-", "_") in (*CLOSURES, "averaging"):
         raise HarvesterError(
-            f"method {method}: is a closure, which does not simulate: it is for average, sweep, "
-            f"load_study and optimum; here there are {', '.join(ENGINES)}"
+            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} "
+            f"are for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
         )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
@@ -252,7 +251,6 @@ def method_of(method: str | Method, **options: Any) -> Method:
     from harvester.averaging.closures import CLOSURES
 
     if isinstance(method, Stationary):
-        check_name("method", method.closure, CLOSURES)
         return method.check_options_agree(options, DEFAULTS)
     check_name("method", str(method), {**ENGINES, **CLOSURES})
     _check_options(options)
@@ -265,13 +263,10 @@ def check_step(step: str | float) -> str | float:
 
     if isinstance(step, str) and step in STEP_LEVELS:
         return step
-    if isinstance(step, str):
-        with contextlib.suppress(ValueError):
-            step = float(step)
     if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
         raise HarvesterError(
             f"step {named(step)}{nearest(step, STEP_LEVELS)}: must be one of "
-            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds > 0"
+            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds > 0{on_quotes(step)}"
         )
     return step
 

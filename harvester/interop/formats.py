@@ -77,6 +77,8 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
+    # The command line reads this module for its help, where numpy would be felt.
+
     paths = writer(prepared(scene), output, **arguments)
     for path in paths:
         report(f"written: {path}")

@@ -57,13 +57,11 @@ class BeamValues(ResultBase):
             f"with magnets the tip rests at {places}",
         ]
         if saddles:
-            top = max(float(potential(system, saddle)) for saddle in saddles)
-            bottom = min(float(potential(system, well)) for well in wells)
+            depths = [float(potential(system, well)) for well in wells]
+            heights = [float(potential(system, saddle)) for saddle in saddles]
             mass: Any = self.scene.oscillator.mass
-            energy = mass * length**2 * (top - bottom)
-            sentences[-1] += (
-                f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
-            )
+            barrier = quantity(mass * length**2 * (max(heights) - min(depths)), "J")
+            sentences[-1] += f"; the highest barrier is {barrier} above the deepest well"
         return sentences
 
     def to_dict(self) -> dict[str, Any]:

@@ -147,6 +147,5 @@ def axis_label(result: Any, name: str) -> str:
 def density_label(result: Any, name: str) -> str:
     """ "probability density [1/m]" of a dimension."""
     unit = result.unit(name)
-    if unit.startswith("scaled"):
-        return "probability density [scaled]"
-    return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"
+    inverse = f"1/{f'({unit})' if '/' in unit else unit}"
+    return f"probability density [{'scaled' if unit.startswith('scaled') else inverse}]"

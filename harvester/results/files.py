@@ -8,16 +8,19 @@ import re
 from pathlib import Path
 
 from harvester.base.errors import HarvesterError, OutputError
-from harvester.base.plain_text import shown
+from harvester.base.plain_text import named, shown
 from harvester.base.tables import write_csv, write_netcdf
 from harvester.base.writing import in_folder, write_json, write_text
 from harvester.results import figures
 from harvester.results.view import ResultBase
+from harvester.scene.model import Scene
+from harvester.scene.text import key_comments, scene_text
 
 ENDINGS = (".csv", ".nc", ".png", ".svg", ".pdf")
+KINDS = f"a file that ends in .json, {', '.join(ENDINGS)}, or a folder"
 
 
-def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[str]:
+def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") -> list[str]:
     """Write a result into a folder, or into one file, each file whole or not at all.
 
     A folder gets JSON, a CSV table, the figures, the result's texts and, of a result with axes of
@@ -25,7 +28,8 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
 
     Parameters
     ----------
-    result : ResultBase
+    result : ResultBase or Scene
+        A scene is written into a file that ends in .toml.
     target : str or Path
         A file that ends in .json, .csv, .nc, .png, .svg or .pdf; without an ending a folder.
     name : str
@@ -42,17 +46,25 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     HarvesterError
         It is no result; `OutputError` where a file cannot be written.
     """
+    if not isinstance(target, (str, os.PathLike)) or not str(target).strip():
+        raise HarvesterError(f"save: {shown(target)}: is no path: give {KINDS}")
+    # A command's folder holds finished parts already, under the name that the shell passed on.
+    directory = Path(target if name else os.path.expanduser(target))
+    ending = directory.suffix.lower()
+    if isinstance(result, Scene) and ending == ".toml":
+        write_text(directory, scene_text(result, key_comments(result), [result.name]))
+        return [directory.name]
     if not isinstance(result, ResultBase):
         raise HarvesterError(
-            f"save: {shown(result)}: is no result: pass the return value of simulate or of a study"
+            f"save: {shown(result)}: is no result: pass the return value of simulate or of a "
+            "study; a scene is saved as a file that ends in .toml"
         )
-    if not isinstance(target, (str, os.PathLike)):
-        raise HarvesterError(f"save: {shown(target)}: is no path of a file or a folder")
-    directory = Path(target)
-    has_ending = directory.suffix[1:].isalpha() and not directory.is_dir()
-    if directory.suffix in ENDINGS or (has_ending and not name):
-        _write_one(result, directory)
-        return [directory.name]
+    if not name and (not directory.is_dir() or directory.name == ".."):
+        if ending in (".json", *ENDINGS):
+            _write_one(result, directory, ending)
+            return [directory.name]
+        if ending or directory.name.startswith("."):
+            raise HarvesterError(f"save: {named(str(directory))}: give {KINDS} without a dot")
     view, names = result.view(), []
     kind = re.sub("(?<=[a-z])(?=[A-Z])", "-", type(result).__name__).lower()
     name = name or "-".join([*([result.scene.name] if result.scene else []), kind])
@@ -74,17 +86,13 @@ def save(result: ResultBase, target: str | os.PathLike, name: str = "") -> list[
     return names
 
 
-def _write_one(result, path):
-    if path.suffix == ".json":
+def _write_one(result, path, ending):
+    if ending == ".json":
         write_json(path, result.to_dict())
-    elif path.suffix == ".csv":
+    elif ending == ".csv":
         result.to_csv(path)
-    elif path.suffix == ".nc":
+    elif ending == ".nc":
         write_netcdf(path, result.to_xarray())
-    elif path.suffix not in ENDINGS:
-        raise HarvesterError(
-            f"save: {path}: its ending says the kind: .json, {', '.join(ENDINGS)}, or none"
-        )
     else:
         figure = result.figure()
         if figure is None:

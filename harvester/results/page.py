@@ -35,9 +35,7 @@ class Verdict(NamedTuple):
 
 def page(title: str, about: str, sections: dict[str, str]) -> str:
     """A self-contained page of HTML: title, date, version and `about`, and HTML by its heading."""
-    template = (
-        resources.files("harvester.results").joinpath("page.html").read_text(encoding="utf-8")
-    )
+    template = resources.files("harvester.results").joinpath("page.html").read_text("utf-8")
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return Template(template).substitute(
         title=_escaped(title),
@@ -70,9 +68,8 @@ def facts(text: str) -> str:
 def all_facts(lines: Sequence[str]) -> str:
     """Paragraphs in small print; many of them are folded after the first few."""
     first, others = lines[:SENTENCES], lines[SENTENCES:]
-    return "".join(map(facts, first)) + (
-        _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
-    )
+    more = _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
+    return "".join(map(facts, first)) + more
 
 
 def _folded(summary, content, is_open=False):

@@ -27,6 +27,5 @@ _SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=
 
 def styles(groups: Iterable[str]) -> dict[str, tuple[str, str]]:
     """(colour, marker) of each of these groups; new groups get the next spare ones."""
-    names = dict.fromkeys(groups)
     spare = cycle(_SPARE)
-    return {name: _GROUPS.get(name) or next(spare) for name in names}
+    return {name: _GROUPS.get(name) or next(spare) for name in dict.fromkeys(groups)}

@@ -206,11 +206,10 @@ def draw_series(axes: Axes, series: Series) -> None:
     """Draw one series into axes."""
     x, y = np.asarray(series.x), np.asarray(series.y)
     # Error bars of length 0 would show as caps.
-    has_bars = series.bars is not None and np.any(series.bars)
     bars = axes.errorbar(
         x,
         y,
-        series.bars if has_bars else None,
+        series.bars if np.any(series.bars) else None,
         color=series.colour,
         linestyle=series.line or "none",
         marker=series.marker,

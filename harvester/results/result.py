@@ -142,13 +142,16 @@ class Result(ResultBase):
     attractors: tuple[Attractor, ...] = field(default=(), metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
-        densities = Named(f"{self.scene.name}: no density of", self.densities)
+        why = "" if self.densities else " (JSON holds none: run the scene again)"
+        densities = Named(f"{self.scene.name}: no density{why} of", self.densities)
         object.__setattr__(self, "densities", densities)
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
+            if name in (*self.densities, "density", "densities"):
+                missing = f'no quantity {name}; densities: to_dataframe("densities"), .densities'
             if missing:
                 raise UnknownQuantity(missing)
             return super().__getitem__(name)
@@ -156,12 +159,6 @@ class Result(ResultBase):
         return estimate.times(self.scales.of(estimate.dimension), self.unit(estimate.dimension))
 
     __getitem__ = quantity
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            hint = f': result["{name}"]' if name in vars(self).get("scaled_quantities", ()) else ""
-            raise AttributeError(f"a Result has no attribute {name}{hint}")
 
     def _numbers(self) -> Named:
         """All estimates that the table shows: each mean square is followed by its root."""
@@ -260,13 +257,11 @@ class Result(ResultBase):
             coordinates[name] = (name, density.centre * scale, {"unit": across})
             _add_density(variables, name, name, density, scale, across)
         if self.joint_density is not None:
-            names, area = [], 1.0
-            for name in ("displacement", "velocity"):
-                axis, scale = f"joint_{name}", self.scales.of(name)
-                values = getattr(self.joint_density, name) * scale
+            names = ["joint_displacement", "joint_velocity"]
+            for name, axis in zip(("displacement", "velocity"), names, strict=True):
+                values = getattr(self.joint_density, name) * self.scales.of(name)
                 coordinates[axis] = (axis, values, {"unit": self.unit(name)})
-                names.append(axis)
-                area *= scale
+            area = self.scales.of("displacement") * self.scales.of("velocity")
             across = f"{self.unit('displacement')} {self.unit('velocity')}"
             _add_density(variables, "joint", names, self.joint_density, area, across)
         attributes = {
@@ -284,8 +279,7 @@ class Result(ResultBase):
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
-            errors: Any = density.standard_error
-            errors = [None] * density.centre.size if errors is None else errors / scale
+            errors = _bin_errors(density) / scale
             columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
             rows += [[name, *numbers, unit] for numbers in columns]
         return Table(header, rows)
@@ -313,9 +307,9 @@ class Result(ResultBase):
         Mean squares are followed by their roots, values without an error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
-        header = ["quantity", "unit"]
-        header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
-        header += [] if numerical else ["effective samples"]
+        value = "value ± numerical" if numerical else "estimate ± standard"
+        header = ["quantity", "unit", f"{value} error"]
+        header += ["effective samples"] * (not numerical)
         printed = self._numbers()
         # A value without an error bar has a note that says why.
         reasons = {
@@ -424,8 +418,13 @@ def _add_density(variables, name, axes, density, scale, unit):
     inverse = {"unit": f"1/({unit})"}
     variables[f"{name}_density"] = (axes, density.density / scale, inverse)
     if density.standard_error is not None:
-        errors = density.standard_error / scale
+        errors = _bin_errors(density) / scale
         variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
+
+
+def _bin_errors(density):
+    """Standard errors as numbers; NaN without one, and in an empty bin, whose counts never vary."""
+    return np.where(density.density != 0.0, np.asarray(density.standard_error, float), math.nan)
 
 
 def _result_of(kind, content, folder):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from harvester.base.arguments import Named
 from harvester.base.formatting import NOT_KNOWN, Printed
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import json_text, one_line
+from harvester.base.plain_text import json_text, nearest, one_line
 from harvester.base.serialising import fields_of
 from harvester.base.tables import require_xarray, write_csv
 from harvester.results import figures
@@ -71,8 +71,8 @@ class Picture:
         from harvester.results.page import figure_of
 
         figure = self.figure()
-        alternative = alternative or caption or self.name or "figure"
-        return "" if figure is None else figure_of(figures.image(figure), alternative, caption)
+        words = alternative or caption or self.name or "figure"
+        return "" if figure is None else figure_of(figures.image(figure), words, caption)
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,18 @@ class ResultBase(ABC):
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers())
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            # Python and notebooks ask for names with an underscore, also before there are fields.
+            if name.startswith("_") or not vars(self):
+                raise AttributeError(name)
+            numbers = list(self)
+            hint = f"{nearest(name, [*numbers, *dir(self)])}; result[name] has {', '.join(numbers)}"
+            hint += '; figure() draws it, harvester.save(result, "file.json") writes it'
+            hint = f': write result["{name}"]' if name in numbers else hint
+            raise AttributeError(f"{type(self).__name__} has no attribute {name}{hint}")
+
     def _ipython_key_completions_(self) -> list[str]:
         return list(self)
 
@@ -170,8 +182,9 @@ class ResultBase(ABC):
         view = self.view()
         header, rows = view.data() if view.is_series else view.table
         names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]
-        numbers = Named(f"{type(self).__name__}: no", {})
         keys = view.keys or key_columns(rows, len(names))
+        axes = ", ".join(names[:keys])
+        numbers = Named(f"{type(self).__name__}, with rows by {axes}: no", {})
         for row in rows:
             place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):
@@ -205,7 +218,8 @@ class ResultBase(ABC):
         if not name:
             return pictures[0].figure() if pictures else None
         by_name = {picture.name: picture for picture in pictures if picture.name}
-        return Named(f"{type(self).__name__}: no figure", by_name)[name].figure()
+        where = f"{type(self).__name__}: the main figure is figure(), without a name; no figure"
+        return Named(where, by_name)[name].figure()
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""

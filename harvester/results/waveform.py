@@ -68,7 +68,7 @@ class Waveform(ResultBase):
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name not in vars(self).get("columns", ()):
-            raise AttributeError(f"a Waveform has no attribute {name}")
+            return getattr(super(), "__getattr__")(name)  # noqa: B009
         return self.columns[name]
 
     def view(self) -> View:

@@ -47,10 +47,8 @@ def _with_progress(
 ) -> Iterator[dict[str, Any]]:
     """Options of a call; in a notebook with a progress bar, unless `progress=False`."""
     progress = options.get("progress")
-    if progress is False:
-        yield {**options, "progress": None}
-    elif progress is not None:
-        yield {**options, "progress": checked_progress(progress)}
+    if progress is not None:
+        yield {**options, "progress": None if progress is False else checked_progress(progress)}
     elif "progress" not in accepted or options.get("runner"):
         yield options
     else:

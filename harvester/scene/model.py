@@ -77,8 +77,9 @@ class Scene(Table):
         ----------
         source : str or Path
             Built-in name, or path of a TOML file.
-        overrides : iterable of str
-            `table.key=value` as on the command line; `table=none` removes a table.
+        overrides : iterable of str, or dict
+            `table.key=value` as on the command line; `table=none` removes a table. A dict is as in
+            `replace`.
 
         Raises
         ------

@@ -8,7 +8,7 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
 from harvester.device.force_table import MOST_PIECES, POINTS_PER_PIECE, force_table
-from harvester.device.keys import SI, check_table, check_value
+from harvester.device.keys import SI, check_table, check_value, every_key
 from harvester.scene.drawn import with_drawing
 from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_keys, all_tables
 
@@ -27,14 +27,18 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     names = [*Top.KEYS, *classes]
     for name, value in tables.items():
         if name not in names:
-            hint = nearest(name, [*names, *all_keys()]) or f"; there are {', '.join(names)}"
+            hint = f"{nearest(name, [*names, *all_keys()])}; there are {', '.join(names)}"
             raise SceneError(f"{origin}: unknown key {named(name)}{hint}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             most = SEVERAL[name]
             if not 1 <= len(value) <= most or not all(isinstance(part, dict) for part in value):
                 raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
         elif (name in classes) != isinstance(value, dict):
-            noun = "a table" if name in classes else "a value, not a table"
+            noun = "a value, not a table"
+            if name in classes:
+                specs = every_key(classes[name]).items()
+                numeric = (key for key, spec in specs if spec.kind is not str)
+                noun = f'a table such as {{"{next(numeric, "key")}": …}}'
             raise SceneError(f"{origin}: {name} = {shown(value)}: must be {noun}")
     spec = Top.KEYS["units"]
     if "units" not in tables:
@@ -54,7 +58,8 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
             part = check_table(name, values, cls, units, origin)
             parts[name] = (part,) if name in SEVERAL else part
         elif name not in OPTIONAL and name not in TRANSDUCERS:
-            raise SceneError(f"{origin}: table [{name}] is missing")
+            keys = ", ".join(every_key(cls))
+            raise SceneError(f"{origin}: table [{name}] is missing; it takes {keys}")
     _check_spring(parts["oscillator"], origin)
     _check_transducer(parts, origin)
     _check_physics(parts, origin)

@@ -27,7 +27,9 @@ def built_in_names() -> list[str]:
     return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
 
 
-def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, Any], Path]:
+def tables_of(
+    source: str | Path, overrides: Iterable[str] | dict[str, Any]
+) -> tuple[dict[str, Any], Path]:
     """Tables of a scene with its overrides put in, and the path that they were read from.
 
     `source`, `overrides`: see `harvester.scene.model.Scene.read`. Raises SceneError.
@@ -45,7 +47,8 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
             for key in FILES & {*table}:
                 if isinstance(table[key], str):
                     table[key] = str(path.parent / table[key])
-    put_all(tables, dict(map(parsed, texts(overrides))), "--set")
+    changes = overrides if isinstance(overrides, dict) else dict(map(parsed, texts(overrides)))
+    put_all(tables, changes, "--set")
     return tables, path
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
 from harvester.base.numbers import is_real
+from harvester.base.plain_text import nearest, shown
 from harvester.base.serialising import LEFT_OUT, plain
 
 NONE_SEEN = "none seen: no error bar for their rate"
@@ -27,8 +29,8 @@ STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons take precedence over a run that is too short.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
-# Names of the two attributes in other libraries.
-OTHER_NAMES = ("value", "mean", "error", "std", "stderr", "uncertainty", "nominal_value", "std_dev")
+# Formats of a text: fill, alignment and width alone. All others are of the number.
+OF_TEXT = re.compile(r"(.?[<>^])?([1-9]\d*)?s?")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
@@ -60,7 +62,8 @@ class Estimate:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            hint = "; they are .estimate and .standard_error" if name in OTHER_NAMES else ""
+            names = [entry.name for entry in fields(self)]
+            hint = f"{nearest(name, names)}; there are {', '.join(names)}"
             raise AttributeError(f"an Estimate has no attribute {name}{hint}")
 
     def __float__(self) -> float:
@@ -70,25 +73,42 @@ class Estimate:
         return with_error(self, self.unit)
 
     def __format__(self, spec: str) -> str:
-        return format(float(self), spec) if spec else str(self)
+        if OF_TEXT.fullmatch(spec):
+            return format(str(self), spec)
+        try:
+            return format(float(self), spec)
+        except ValueError as error:
+            raise self._refused(f", format {shown(spec)}: {error}") from None
 
     def __mul__(self, factor: Any) -> Estimate:
-        return self.times(factor, self.unit) if is_real(factor) else self._no_result(factor)
+        """The product without a unit, since the factor may convert that."""
+        return self.times(factor) if is_real(factor) else self._no_result(factor)
 
     def __truediv__(self, divisor: Any) -> Estimate:
         return self * (1.0 / divisor) if is_real(divisor) else self._no_result(divisor)
 
-    def _no_result(self, other: Any) -> Any:
+    def __array_ufunc__(self, function: Any, method: str, *values: Any, **options: Any) -> Any:
+        """numpy's functions: its numbers and arrays on the left multiply by one."""
+        if function is not np.multiply or method != "__call__" or values[0] is self:
+            raise self._refused(f", numpy.{function.__name__}")
+        if not np.ndim(values[0]):
+            return self * values[0]
+        return np.vectorize(self.__mul__, otypes=[object])(values[0])
+
+    def _no_result(self, *others: Any) -> Any:
         """Refuse what has no error bar: two estimates on the same noise are not independent."""
-        raise HarvesterError(
-            f"{self} and {other}: an Estimate is multiplied and divided by numbers alone; compute "
+        raise self._refused(f" and {others[0]}" if others else "")
+
+    def _refused(self, operation: str) -> HarvesterError:
+        return HarvesterError(
+            f"{self}{operation}: an Estimate is multiplied and divided by numbers alone; compute "
             "and compare with float(…), or with .estimate and .standard_error (errors on the same "
             "noise are correlated)"
         )
 
     __rmul__ = __mul__
     __add__ = __radd__ = __sub__ = __rsub__ = __rtruediv__ = __pow__ = __rpow__ = _no_result
-    __lt__ = __le__ = __gt__ = __ge__ = _no_result
+    __lt__ = __le__ = __gt__ = __ge__ = __neg__ = __pos__ = __abs__ = __getitem__ = _no_result
 
     def times(self, factor: float, unit: str = "") -> Estimate:
         """The estimate in a unit that is smaller by this factor."""
@@ -96,7 +116,7 @@ class Estimate:
         return replace(
             self,
             estimate=self.estimate * factor,
-            standard_error=None if error is None else error * factor,
+            standard_error=None if error is None else error * abs(factor),
             unit=unit,
         )
 

@@ -156,6 +156,8 @@ class Sweep(ResultBase):
         header = ["method", *(key_column(key, self.scene.units) for key in self.values)]
         header += [quantity.replace("_", " ") for quantity in self.quantities]
         rows = []
+        # Errors of closures and of engines share a column of a data frame.
+        mixed = 0 < sum(method in CLOSURES for method in self.methods) < len(self.methods)
         for point, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
             texts = [
@@ -164,8 +166,9 @@ class Sweep(ResultBase):
             ]
             realizations = written(cell.realizations, "d") if cell.realizations else ""
             row = [cell.method, *map(in_words, point), *texts]
-            rows.append([*row, realizations, outcome_and_notes(cell)[0]])
-        return [*header, "realizations", "outcome"], rows
+            kind = "numerical" if cell.method in CLOSURES else "statistical"
+            rows.append([*row, realizations, outcome_and_notes(cell)[0], *[kind] * mixed])
+        return [*header, "realizations", "outcome", *["kind of error"] * mixed], rows
 
     def _findings(self) -> list[str]:
         """How the numbers were obtained, and caveats for citing them."""

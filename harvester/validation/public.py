@@ -150,11 +150,12 @@ def accuracy(
     from harvester.engines.opening import open_runner
     from harvester.validation.accuracy import Accuracy
     from harvester.validation.accuracy_measurement import measure
-    from harvester.validation.accuracy_methods import ComparedMethod
+    from harvester.validation.accuracy_methods import METHODS, ComparedMethod
 
     require_noise(scene, "accuracy")
     if methods is not None:
-        where = "some of harvester.validation.accuracy_methods.METHODS"
+        families = "; ".join(dict.fromkeys(method.family for method in METHODS))
+        where = f"some of harvester.validation.accuracy_methods.METHODS, of families {families}"
         methods = listed(methods, "methods", where, ComparedMethod)
     with open_runner(**running) as runner:
         return Accuracy(**measure(scene, runner, thorough, methods))

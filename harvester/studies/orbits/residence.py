@@ -121,6 +121,11 @@ class Residence(ResultBase):
     seconds: float
     precision: float | None = field(default=None, metadata=LEFT_OUT)
 
+    @property
+    def sign(self) -> str:
+        """ "±" where a row counts the stays in both wells of a symmetric device."""
+        return "±" * (len({stay.value for stay in self.stays}) == len(self.stays))
+
     def view(self) -> View:
         """Table, findings and pictures."""
         return View(
@@ -141,7 +146,7 @@ class Residence(ResultBase):
         return header, [
             [
                 "" if stay.value is None else written(stay.value, ".6g"),
-                written(stay.well, ".4g"),
+                Printed(f"{self.sign}{stay.well:.4g}", stay.well),
                 Printed(_time_text(stay), stay.time, stay.standard_error, "s"),
                 written(stay.stays, "d"),
                 NOT_KNOWN if stay.kramers is None else written(stay.kramers, ".4g"),
@@ -152,7 +157,7 @@ class Residence(ResultBase):
     def _headline(self):
         stay = self.stays[0]
         where = "" if stay.value is None else f" at {self.key} = {self._value(stay)}"
-        well = quantity(stay.well, unit_of(self.scene, "displacement"))
+        well = f"{self.sign}{quantity(stay.well, unit_of(self.scene, 'displacement'))}"
         mean = with_error(Estimate(stay.time, stay.standard_error, None, "time"), "s")
         time = mean if math.isfinite(stay.time) else f"{_time_text(stay)} s"
         return f"mean residence time {time} in the well at {well}{where}"
@@ -381,7 +386,9 @@ def _draw(residence):
         x, y = [stay.value for stay in some], [stay.time for stay in some]
         bars = [2.0 * (stay.standard_error or 0.0) for stay in some]
         colour = (MONTE_CARLO, CIRCUIT)[number % 2]
-        label = f"well at {quantity(well, unit_of(residence.scene, 'displacement'))}"
+        label = (
+            f"well at {residence.sign}{quantity(well, unit_of(residence.scene, 'displacement'))}"
+        )
         series.append(Series(x, y, label, colour, "", "o", bars=bars))
         with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
         if with_formula:

@@ -39,7 +39,9 @@ def test_swept_values_come_in_any_form(values):
         ({"time_limit": float("nan")}, "time_limit nan"),
         ({"time_budget": "soon"}, "time_budget 'soon'"),
         ({"executor": 4}, "executor = 4: give a concurrent.futures.Executor"),
-        ({"progress": "bar"}, "progress = 'bar': must be a function"),
+        ({"progress": "bar"}, "progress = 'bar': must be a function of two arguments, or left out"),
+        ({"precision": 1}, r"precision 1: must be a number in \(0, 1\), 0\.01 for 1 %"),
+        ({"precision": "1%"}, r"precision '1%': must be .* 0\.01 for 1 %"),
     ],
 )
 def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):

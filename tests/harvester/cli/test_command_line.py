@@ -146,6 +146,7 @@ def test_engine_tells_what_was_found(capsys):
         (["simulate", "paper", "--set", "stoppers.gap=-1"], "stoppers.gap"),
         (["simulate", "paper", "--method", "spice"], "unknown method"),
         (["simulate", "paper", "--step", "0"], "step"),
+        (["simulate", "paper", "--step", "5m"], "--step 5m: must be default, fine, finest or"),
         (["simulate", "paper", "--workers", "0"], "--workers 0"),
         (["simulate", "paper", "--time-limit", "-1"], "--time-limit"),
         (["simulate", "paper", "--time-limit", "nan"], "--time-limit"),

@@ -55,13 +55,19 @@ def test_an_object_gives_the_numbers_of_its_name_with_options(pool, scene, metho
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: harvester.simulate("paper", method="fokker_planck"), "is for average, sweep"),
+        (lambda: harvester.simulate("paper", method="fokker_planck"), "are for average, sweep"),
+        (lambda: harvester.simulate("paper", method="fokker-planck"), "are for average, sweep"),
+        (lambda: harvester.simulate("paper", method="averaging"), "consistent.* are for average"),
         (lambda: harvester.average("paper", method="circuit"), "engines are for `simulate`"),
         (
             lambda: harvester.average("paper", method=None),
             "method None: must be a name",
         ),
-        (lambda: MonteCarlo(steps=3), "MonteCarlo: no option steps .did you mean step"),
+        (lambda: MonteCarlo(steps=3), r"MonteCarlo .*no option steps .did you mean step"),
+        (lambda: MonteCarlo(seed=3), r"scene\.replace sets run\.seed, run\.realizations"),
+        (lambda: Stationary(closure="fp"), "unknown method fp; there are paper"),
+        (lambda: MonteCarlo(step="0.001"), r"seconds > 0; write 0\.001 without quotes"),
+        (lambda: MonteCarlo(step="x"), "unknown step x; there are default"),
         (lambda: Stationary(1, 2, 3, 4, 5), "has 4 settings"),
     ],
 )

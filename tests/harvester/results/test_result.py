@@ -1,5 +1,6 @@
 """Results as objects to work with: by name, as plain values and back, as xarray, in one line."""
 
+import copy
 import json
 import math
 import re
@@ -51,14 +52,26 @@ def test_an_estimate_is_scaled_and_printed_and_nothing_else(result):
         1e3 * power.standard_error,
     )
     assert power / 2.0 == power * 0.5
+    assert (power.unit, milli.unit, (power / 2.0).unit) == ("W", "", "")
+    assert str(1e6 * Estimate(2.9e-4, 1.1e-5, None, "power", "", "W")) == "290 ± 11"
+    assert (-2.0 * power).standard_error == 2.0 * power.standard_error
+    assert np.float64(1e3) * power == (np.array([1e3]) * power)[0] == milli
     assert f"{power:.3g}" == f"{power.estimate:.3g}"
     assert f"{power}" == repr(power)
+    assert (f"{power:>40}", f"{power:_<40s}") == (str(power).rjust(40), str(power).ljust(40, "_"))
     for refused in (
         lambda: power - power,
         lambda: power / power,
         lambda: 1.0 + power,
         lambda: power > 0.0,
         lambda: power * "2",
+        lambda: -power,
+        lambda: abs(power),
+        lambda: power[0],
+        lambda: [*power],
+        lambda: np.sqrt(power),
+        lambda: np.float64(1.0) / power,
+        lambda: f"{power:d}",
     ):
         with pytest.raises(harvester.HarvesterError, match=r"float\(…\).*standard_error"):
             refused()
@@ -72,6 +85,9 @@ def test_densities_are_a_frame_in_the_scenes_units(result):
         part = frame[frame["quantity"] == name]
         area = np.trapezoid(part["density"], part["centre"])
         assert area == pytest.approx(1.0, abs=0.01)
+        empty = result.densities[name].density == 0.0
+        assert part["standard_error"].dtype == float
+        assert np.array_equal(np.isnan(part["standard_error"]), empty)
     width = np.ptp(frame[frame["quantity"] == "displacement"]["centre"])
     assert width == pytest.approx(
         np.ptp(result.densities["displacement"].centre) * result.scales.displacement
@@ -85,14 +101,26 @@ def test_a_style_that_there_is_not_leads_to_the_one_that_is(result):
         result.draw_density(None, "displacement", color="red")
 
 
-def test_one_file_holds_what_its_ending_says(result, tmp_path):
-    assert harvester.save(result, tmp_path / "one.json") == ["one.json"]
-    assert json.loads((tmp_path / "one.json").read_text())["engine"] == "monte-carlo"
-    with pytest.raises(
-        harvester.HarvesterError, match=r"one\.xlsx: its ending says the kind: \.json"
-    ):
-        harvester.save(result, tmp_path / "one.xlsx")
-    assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
+def test_one_file_holds_what_its_ending_says(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    assert harvester.save(result, "one.json") == ["one.json"]
+    assert harvester.save(result, "~/one.JSON") == ["one.JSON"]
+    for file in (tmp_path / "one.json", tmp_path / "home/one.JSON"):
+        assert json.loads(file.read_text())["engine"] == "monte-carlo"
+    for target in ("one.xlsx", "r.h5", "out.v1", ".csv", "", "  ", "..", "new/.csv"):
+        with pytest.raises(harvester.HarvesterError, match=r"give a file that ends in \.json"):
+            harvester.save(result, target)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "one.json"]
+
+
+def test_a_scene_is_saved_as_toml(tmp_path):
+    scene = harvester.Scene.read("device", {"load.resistance": 2e5})
+    assert harvester.save(scene, tmp_path / "mine.toml") == ["mine.toml"]
+    assert harvester.Scene.read(tmp_path / "mine.toml").digest() == scene.digest()
+    with pytest.raises(harvester.HarvesterError, match=r"a scene is saved .* \.toml"):
+        harvester.save(scene, tmp_path / "mine.json")
 
 
 def test_a_wrong_name_says_which_is_near(result):
@@ -105,8 +133,26 @@ def test_a_wrong_name_says_which_is_near(result):
 def test_attributes_that_there_are_not_lead_to_those_that_are(result):
     with pytest.raises(AttributeError, match=r'result\["mean_power"\]'):
         assert result.mean_power
-    with pytest.raises(AttributeError, match=r"\.standard_error"):
-        assert result["mean_power"].error
+    for name in ("plot", "save", "to_json", "power", "items"):
+        with pytest.raises(AttributeError, match=r"has mean_square_voltage.*figure\(\).*save\("):
+            getattr(result, name)
+    for name in ("error", "se", "units", "ci"):
+        with pytest.raises(AttributeError, match="there are estimate, standard_error"):
+            getattr(result["mean_power"], name)
+    with pytest.raises(AttributeError, match="did you mean voltage"):
+        assert result.waveform.voltag
+    assert copy.deepcopy(result["mean_power"]) == result["mean_power"]
+
+
+def test_names_of_densities_and_figures_lead_to_them(result):
+    for name in ("displacement", "density"):
+        with pytest.raises(harvester.UnknownQuantity, match=r'to_dataframe\("densities"\)'):
+            result[name]
+    with pytest.raises(harvester.UnknownQuantity, match=r"figure\(\), without a name.*joint"):
+        result.figure("displacement")
+    without = Result.from_dict(result.to_dict())
+    with pytest.raises(harvester.UnknownQuantity, match=r"JSON holds none: run the scene again"):
+        without.draw_density(None, "displacement")
 
 
 def test_plain_values_lead_back_to_the_result(result):

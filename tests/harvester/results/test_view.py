@@ -92,6 +92,10 @@ def test_a_result_answers_by_the_names_of_its_table():
         harvester.UnknownQuantity, match=r"did you mean mean_power.*; there are mean"
     ):
         example["power"]
+    with pytest.raises(harvester.UnknownQuantity, match="with rows by method: no circuit"):
+        example["circuit"]
+    with pytest.raises(AttributeError, match=r'Example has no .*: write result\["mean_power"\]'):
+        assert example.mean_power
     with pytest.raises(
         harvester.UnknownQuantity, match=r"mean power: no circut .did you mean circuit"
     ):

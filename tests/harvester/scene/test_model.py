@@ -256,3 +256,35 @@ def test_an_impact_speed_is_held_for_one_stopper_on_a_side():
     Scene.from_tables({**tables, "stoppers": [{**stopper, "side": "right"}, left]})
     with pytest.raises(SceneError, match='"event" with 2 stoppers on the left'):
         Scene.from_tables({**tables, "stoppers": [stopper, {**left, "impact_velocity": "energy"}]})
+
+
+@pytest.mark.parametrize(
+    "build", [lambda tables: Scene(), Scene, lambda tables: Scene(**tables), lambda _: Scene.load]
+)
+def test_a_scene_is_read_or_built_from_tables(build):
+    with pytest.raises((SceneError, AttributeError), match=r"Scene\.read\(.*Scene\.from_tables"):
+        build(Scene.read("linear").to_tables())
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"noise": {}}, "unknown key noise.*; there are .*oscillator, .*excitation, run"),
+        ({"transducer": {}}, "unknown key transducer.*; there are .*piezo, coil"),
+        ({"load": 2e5}, r'load = 200000.0: must be a table such as \{"resistance": …\}'),
+        ({"load": None}, r"table \[load\] is missing; it takes kind, resistance, .*netlist"),
+    ],
+)
+def test_tables_that_make_no_scene_are_named(tables, words):
+    content = {**Scene.read("linear").to_tables(), **tables}
+    content = {name: table for name, table in content.items() if table is not None}
+    with pytest.raises(SceneError, match=words):
+        Scene.from_tables(content)
+
+
+def test_overrides_may_be_a_dictionary():
+    changes = {"load.resistance": 2e5, "stoppers": None}
+    scene = Scene.read("device", changes)
+    assert scene == Scene.read("device").replace(changes)
+    with pytest.raises(SceneError, match=r"load\.resistance = '2e5'.*without quotes"):
+        Scene.read("device", {"load.resistance": "2e5"})

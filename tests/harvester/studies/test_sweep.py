@@ -72,6 +72,8 @@ def test_views_have_the_same_numbers(swept):
     assert data.dims == ("excitation.intensity", KEY, "method")
     table = swept.to_dataframe()
     assert np.array_equal(table["mean power [scaled power]"].to_numpy(), data.values.ravel())
+    kinds = dict(zip(table["method"], table["kind of error"], strict=True))
+    assert kinds == {"monte-carlo": "statistical", "consistent": "numerical"}
 
 
 def test_a_precision_adds_realizations_and_closures_have_none(pool):
@@ -92,6 +94,8 @@ def test_every_quantity_of_a_place_can_be_asked_for(swept):
     assert "mean_square_velocity" in list(swept)
     with pytest.raises(harvester.UnknownQuantity, match=r"there are .*consistent"):
         swept["mean_power"]["consistent"]
+    with pytest.raises(harvester.UnknownQuantity, match=rf"rows by method, .*{KEY}: no {KEY}"):
+        swept[KEY]
 
 
 def test_roots_of_mean_squares_are_quantities(pool):

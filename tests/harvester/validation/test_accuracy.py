@@ -384,5 +384,7 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
 
 
 def test_a_method_by_its_name_is_refused_before_anything_runs():
-    with pytest.raises(HarvesterError, match="methods: 'circuit': is no ComparedMethod"):
+    with pytest.raises(
+        HarvesterError, match=r"'circuit': is no ComparedMethod.* Monte Carlo, Heun"
+    ):
         accuracy(Scene.read("paper"), methods=["circuit"])

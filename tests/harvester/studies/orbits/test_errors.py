@@ -1,5 +1,6 @@
 """Errors of shares of starts and of residence times, from values that are drawn."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -43,6 +44,19 @@ def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
         (stay,) = stays_of(prepared(scene), None, times, draws.poisson(times / mean).astype(float))
         off.append((stay.time - mean) / stay.standard_error)
     assert np.mean(np.square(off)) == pytest.approx(1.0, rel=0.25)
+
+
+def test_a_row_of_both_wells_is_labelled_so():
+    scene, times, exits = Scene.read("duffing"), np.full((4, 4, 2), 9.0), np.full((4, 4, 2), 2.0)
+    bottom = prepared(scene).scales.displacement
+    pooled = stays_of(prepared(scene), None, times, exits)
+    residence = Residence(scene, None, pooled, "monte-carlo", "", 0.0)
+    assert residence.table().rows[0][1].startswith("±")
+    assert " in the well at ±" in residence.headline()
+    assert residence.table().rows[0][1].value == pooled[0].well > 0.5 * bottom
+    apart = [pooled[0], dataclasses.replace(pooled[0], well=-pooled[0].well)]
+    apart = Residence(scene, None, apart, "monte-carlo", "", 0.0)
+    assert [row[1][0] for row in apart.table().rows] == ["1", "-"]
 
 
 def test_the_time_before_settling_is_no_part_of_the_stays():
