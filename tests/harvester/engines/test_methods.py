@@ -67,7 +67,7 @@ def test_an_object_gives_the_numbers_of_its_name_with_options(pool, scene, metho
         (lambda: MonteCarlo(seed=3), r"scene\.replace sets run\.seed, run\.realizations"),
         (lambda: Stationary(closure="fp"), "unknown method fp; there are paper"),
         (lambda: MonteCarlo(step="0.001"), r"seconds > 0; write 0\.001 without quotes"),
-        (lambda: MonteCarlo(step="x"), "unknown step x; there are default"),
+        (lambda: MonteCarlo(step="x"), "step x: must be one of default"),
         (lambda: Stationary(1, 2, 3, 4, 5), "has 4 settings"),
     ],
 )
