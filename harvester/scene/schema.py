@@ -36,9 +36,8 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         elif (name in classes) != isinstance(value, dict):
             noun = "a value, not a table"
             if name in classes:
-                keys = (
-                    key for key, spec in every_key(classes[name]).items() if spec.kind is not str
-                )
+                specs = every_key(classes[name]).items()
+                numeric = (key for key, spec in specs if spec.kind is not str)
                 noun = f'a table such as {{"{next(numeric, "key")}": …}}'
             raise SceneError(f"{origin}: {name} = {shown(value)}: must be {noun}")
     spec = Top.KEYS["units"]

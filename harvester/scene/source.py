@@ -28,7 +28,7 @@ def built_in_names() -> list[str]:
 
 
 def tables_of(
-    source: str | Path, overrides: Iterable[str] | Mapping[str, Any]
+    source: str | Path, overrides: Iterable[str] | dict[str, Any]
 ) -> tuple[dict[str, Any], Path]:
     """Tables of a scene with its overrides put in, and the path that they were read from.
 
@@ -47,8 +47,8 @@ def tables_of(
             for key in FILES & {*table}:
                 if isinstance(table[key], str):
                     table[key] = str(path.parent / table[key])
-    changes = overrides if isinstance(overrides, Mapping) else map(parsed, texts(overrides))
-    put_all(tables, dict(changes), "--set")
+    changes = overrides if isinstance(overrides, dict) else dict(map(parsed, texts(overrides)))
+    put_all(tables, changes, "--set")
     return tables, path
 
 

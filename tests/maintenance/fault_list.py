@@ -334,7 +334,7 @@ FAULTS = [
     Fault(
         "error bars: one stays in other units",
         ESTIMATE,
-        "standard_error=None if error is None else error * factor",
+        "standard_error=None if error is None else error * abs(factor)",
         "standard_error=None if error is None else error",
         (f"{OF_MEANS}::test_an_error_bar_has_the_unit_of_its_estimate",),
     ),
