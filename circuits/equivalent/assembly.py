@@ -1,4 +1,4 @@
-"""Scene to netlist: only the elements that the scene needs."""
+"""Scene to PySpice circuit: only the elements that the scene needs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from circuits.netlist.writer import run_text
 from harvester.base.errors import NetlistError
 from harvester.device import timescales
 from harvester.device.system import held_impact_speed
-from harvester.device.terminals import GROUND
 from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.scene.paths import start_state
 from harvester.scene.steps import knot_spacing, steps_per_sample, stop_time
@@ -193,7 +192,7 @@ def assemble(
     named: bool = False,
     ramp: float = 0.0,
 ) -> Netlist:
-    """Build the equivalent circuit of a scene.
+    """Build the equivalent circuit of a scene with PySpice.
 
     Parameters
     ----------
@@ -222,62 +221,60 @@ def assemble(
     ramp : float
         Time (s) in which the load's constant sources rise from 0.
     """
+    from PySpice.Spice.Netlist import Circuit, SubCircuit
+
     scene, system, scales = ready.scene, ready.system, ready.scales
     rate = timescales.angular_frequency(system)
     length = knot_spacing(ready) / steps_per_sample(ready, step)
     pace = elements.trapezoidal_prewarp_factor(line * length)
     electrical = ready.network
-    begin = [_start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]]
+    circuit = Circuit(f"harvester scene {scene.name}")
+    starts = [
+        _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
+    ]
     load = scene.load.circuit
     if load:
         check_turn(load, length)
     slowed = line > 0.0 and load is not None and load.resistance is None
 
-    def device(start):
-        """The definitions that a device needs, and its elements."""
-        definitions: list[str] = []
-        lines: list[str] = []
+    def add_device(place, start):
         if isinstance(scene.excitation, PrescribedDisplacement):
-            lines += elements.prescribed_displacement(rate, scene.excitation, scales, electrical)
+            elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            definitions.append(compact_model.device_line(electrical))
+            compact_model.add_device(place, electrical)
         else:
-            lines += _mechanics(system, rate, length, start)
+            _add_mechanics(place, system, rate, length, start)
         parts = compact_model.left_out(electrical) if compiled else electrical.elements
-        lines += elements.transducer(parts, rate, scales, start[2], pace)
+        elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
-            lines += elements.pacing(rate, pace, start, slowed)
-            lines += elements.excitation(waveform, electrical)
+            elements.add_pace(place, rate, pace, start, slowed)
+            elements.add_excitation(place, waveform, electrical)
         if load:
-            lines += elements.load_call(load, electrical, named and load.is_plain)
+            elements.add_load(place, load, electrical, named and load.is_plain)
         else:
-            definitions += elements.resistor_definition()
             # 1/λ in scaled scenes, whose capacitance is 1.
             table: Any = scene.load
-            lines += elements.resistor(table.resistance or 1.0 / table.decay_rate, electrical)
-        return definitions, lines
+            ohms = table.resistance or 1.0 / table.decay_rate
+            elements.add_resistor(place, ohms, electrical)
 
-    copies = len(begin)
-    prefixes = tuple(f"xcopy{copy}." for copy in range(copies)) if copies > 1 else ("",)
-    definitions: list[str] = []
-    if copies == 1:
-        definitions, lines = device(begin[0])
+    if len(starts) == 1:
+        add_device(circuit, starts[0])
+        prefixes: tuple[str, ...] = ("",)
     else:
         # Each copy has its own start. With held speeds it also has its own compression of a stopper
         # at the start.
-        arguments = {"held": 3, "start": 0} if elements.holding(system) else {"start": 0}
-        defaults = (f"{name}={elements.number(0.0)}" for name in reversed(arguments))
-        inner, parts = device(("{start}", *begin[0][1:3], "{held}"))
-        lines = [" ".join([f".subckt {DEVICE} ground", *defaults]), *inner, *parts]
-        lines.append(f".ends {DEVICE}")
-        for copy, start in enumerate(begin):
-            values = (f"{name}={start[index]}" for name, index in arguments.items())
-            lines.append(" ".join([f"Xcopy{copy} {GROUND} {DEVICE}", *values]))
+        arguments = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
+        device = SubCircuit(DEVICE, "ground", **dict.fromkeys(arguments, elements.number(0.0)))
+        add_device(device, ("{start}", *starts[0][1:3], "{held}"))
+        circuit.subcircuit(device)
+        for copy, start in enumerate(starts):
+            values = {name: start[index] for name, index in arguments.items()}
+            circuit.X(f"copy{copy}", DEVICE, circuit.gnd, **values)
+        prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        definitions.append(compact_model.model_line(system, rate, electrical, scales, pace))
-        definitions += map(compact_model.start_line, prefixes, begin)
-    title = f".title harvester scene {scene.name}"
-    text = "".join(f"{line}\n" for line in (title, *definitions, *lines))
+        compact_model.add_model(circuit, system, rate, electrical, scales, pace)
+        compact_model.add_starts(circuit, zip(prefixes, starts, strict=True))
+    text = str(circuit)
     _check_expressions(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
@@ -344,12 +341,12 @@ def _start(system, start, rate, electrical):
     return tuple(elements.number(value) for value in values)
 
 
-def _mechanics(system, rate, step, start):
+def _add_mechanics(circuit, system, rate, step, start):
     """Mass, spring, damper and contacts as elements, only those that the scene needs."""
-    yield from elements.oscillator(system, rate, start)
-    yield from elements.nonlinear_forces(system, rate)
+    elements.add_oscillator(circuit, system, rate, start)
+    elements.add_nonlinear_forces(circuit, system, rate)
     if elements.holding(system):
-        yield from elements.speed_hold(system, rate, step, start[3])
+        elements.add_speed_hold(circuit, system, rate, step, start[3])
 
 
 def _analysis(interval, stop, longest, options, integrator, save):

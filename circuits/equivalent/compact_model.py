@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from circuits.equivalent import elements
@@ -20,6 +20,8 @@ from harvester.device.piezo import BASE, TERMINAL, BaseForcedPiezo, PiezoLaw
 from harvester.device.system import System
 
 if TYPE_CHECKING:
+    from PySpice.Spice.Netlist import Circuit
+
     from harvester.device.terminals import Network
     from harvester.scene.units import Scales
 
@@ -213,10 +215,10 @@ endmodule
 """
 
 
-def device_line(network: Network) -> str:
-    """One compiled device, connected to the nodes of `circuits.equivalent.elements`."""
+def add_device(circuit: Circuit, network: Network) -> None:
+    """Add one compiled device, connected to the nodes of `circuits.equivalent.elements`."""
     ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
-    return f"Nharvester {' '.join(ends)} {MODEL}"
+    circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 
 
 def left_out(network: Network) -> list:
@@ -224,15 +226,24 @@ def left_out(network: Network) -> list:
     return [element for element in network.elements if element.name not in HELD]
 
 
-def model_line(
-    system: System, rate: float, network: Network, scales: Scales, pace: float = 1.0
-) -> str:
+def add_model(
+    circuit: Circuit,
+    system: System,
+    rate: float,
+    network: Network,
+    scales: Scales,
+    pace: float = 1.0,
+) -> None:
     """The `.model` line that all copies of a scene's device share.
 
     Parameters
     ----------
+    circuit : PySpice.Spice.Netlist.Circuit
+    system : harvester.device.system.System
     rate : float
         ω of the netlist (rad/s).
+    network : harvester.device.terminals.Network
+    scales : harvester.scene.units.Scales
     pace : float
         Factor of the charge that the mass moves, see
         `circuits.equivalent.elements.trapezoidal_prewarp_factor`.
@@ -241,13 +252,15 @@ def model_line(
     side = Side(scales.voltage, charge * pace, capacitance)
     name, _, values = module(system, rate, side)
     settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
-    return f".model {MODEL} {name} {settings}"
+    circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
 
 
-def start_line(prefix: str, start: Sequence[str]) -> str:
-    """Initial values of a copy by its nodes' prefix and its three values, as text."""
-    nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
-    return ".ic " + " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
+def add_starts(circuit: Circuit, starts: Any) -> None:
+    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
+    for prefix, start in starts:
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
+        values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
+        circuit.raw_spice += f".ic {values}\n"
 
 
 def module_of(system: System) -> tuple[str, str]:

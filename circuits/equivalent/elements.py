@@ -1,4 +1,4 @@
-"""The parts of the equivalent circuit as lines, each written only for a scene that needs it.
+"""The parts of the equivalent circuit, each added only to a scene that needs it.
 
 Mechanics as an RC network of order one: node `displacement` carries X, node `velocity` carries
 X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
@@ -20,7 +20,9 @@ from harvester.device.system import System
 from harvester.device.terminals import GROUND, LOAD_AMMETER, Component, Network
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
+
+    from PySpice.Spice.Netlist import Circuit
 
     from circuits.netlist.load_circuit import LoadCircuit
     from harvester.device.contact import Contact
@@ -54,32 +56,23 @@ def literal(name: str, value: float, *description: str) -> str:
     return number(value)
 
 
-def states(rate: float, displacement: str, velocity: str) -> Iterator[str]:
-    """Netlist lines of displacement and velocity, with initial values (velocity over rate)."""
-    yield f"C{DISPLACEMENT} {DISPLACEMENT} {GROUND} {number(1 / rate)} ic={displacement}"
-    yield f"G{VELOCITY} {GROUND} {DISPLACEMENT} {VELOCITY} {GROUND} {number(1.0)}"
-    yield f"Cmass {VELOCITY} {GROUND} {number(1 / rate)} ic={velocity}"
-
-
-def line_forces(s: System, rate: float, refer: Callable[..., str]) -> Iterator[str]:
-    """Constant and linear force of the spring (Eq. 4a); `refer` gives the text of a number."""
-    tilt, linear = s.spring.line
-    if tilt != 0.0:
-        yield f"Itilt {VELOCITY} {GROUND} {refer('tilt', tilt / rate**2, 'F/rate^2')}"
-    if linear != 0.0:
-        gain = refer("linear_stiffness", linear / rate**2, "k1/rate^2")
-        yield f"Gspring {VELOCITY} {GROUND} {DISPLACEMENT} {GROUND} {gain}"
-
-
-def oscillator(s: System, rate: float, start: tuple[str, ...]) -> Iterator[str]:
+def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, ...]) -> None:
     """Mass, constant and linear force of the spring, damper (Eq. 4a).
 
     `start` is the initial (displacement, velocity over rate), as text.
     """
-    yield from states(rate, *start[:2])
-    yield from line_forces(s, rate, literal)
+    gnd = circuit.gnd
+    source = circuit.VoltageControlledCurrentSource
+    circuit.C("displacement", DISPLACEMENT, gnd, number(1 / rate), ic=start[0])
+    source("velocity", gnd, DISPLACEMENT, VELOCITY, gnd, number(1.0))
+    circuit.C("mass", VELOCITY, gnd, number(1 / rate), ic=start[1])
+    tilt, linear = s.spring.line
+    if tilt != 0.0:
+        circuit.I("tilt", VELOCITY, gnd, number(tilt / rate**2))
+    if linear != 0.0:
+        source("spring", VELOCITY, gnd, DISPLACEMENT, gnd, number(linear / rate**2))
     if s.damper.damping > 0.0:
-        yield f"Rdamper {VELOCITY} {GROUND} {number(rate / s.damper.damping)}"
+        circuit.R("damper", VELOCITY, gnd, number(rate / s.damper.damping))
 
 
 def trapezoidal_prewarp_factor(angle: float) -> float:
@@ -91,7 +84,9 @@ def trapezoidal_prewarp_factor(angle: float) -> float:
     return math.tan(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
 
 
-def pacing(rate: float, pace: float, start: tuple[str, ...], slowed: bool) -> Iterator[str]:
+def add_pace(
+    circuit: Circuit, rate: float, pace: float, start: tuple[str, ...], slowed: bool
+) -> None:
     """Parallel capacitors by which displacement and velocity change faster by a factor `pace`.
 
     If shorter steps than the grid's are `slowed`, a source slows the displacement; the source of
@@ -99,10 +94,10 @@ def pacing(rate: float, pace: float, start: tuple[str, ...], slowed: bool) -> It
     """
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
-        for node, begin in ((DISPLACEMENT, start[0]), (VELOCITY, start[1])):
-            yield f"C{node}_pace {node} {GROUND} {less} ic={begin}"
+        circuit.C("displacement_pace", DISPLACEMENT, circuit.gnd, less, ic=start[0])
+        circuit.C("velocity_pace", VELOCITY, circuit.gnd, less, ic=start[1])
     if slowed:
-        yield f"Iclock {GROUND} {DISPLACEMENT} external"
+        circuit.I("clock", circuit.gnd, DISPLACEMENT, "external")
 
 
 def excited_node(network: Network) -> str:
@@ -111,67 +106,57 @@ def excited_node(network: Network) -> str:
     return EXCITED if driven else VELOCITY
 
 
-def excitation(waveform: str, network: Network) -> Iterator[str]:
+def add_excitation(circuit: Circuit, waveform: str, network: Network) -> None:
     """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
     node = excited_node(network)
-    yield f"Inoise {GROUND} {node} {waveform}"
+    circuit.I("noise", circuit.gnd, node, waveform)
     if node != VELOCITY:
-        yield f"V{EXCITATION} {node} {VELOCITY} {number(0.0)}"
+        circuit.V(EXCITATION, node, VELOCITY, number(0.0))
 
 
-def prescribed_displacement(
-    rate: float, excitation: PrescribedDisplacement, scales: Scales, network: Network
-) -> Iterator[str]:
+def add_prescribed_displacement(
+    circuit: Circuit,
+    rate: float,
+    excitation: PrescribedDisplacement,
+    scales: Scales,
+    network: Network,
+) -> None:
     """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
 
     X = a sin ωt; with neither spring nor damper, η = X'' + the transducer's force: η is then the
     force that drives the motion; its power is the input power, so that the energy balance closes.
     """
+    gnd = circuit.gnd
     amplitude = excitation.amplitude / scales.displacement
     omega = 2.0 * math.pi * excitation.frequency
     cycles = number(excitation.frequency)
-    yield f"V{DISPLACEMENT} {DISPLACEMENT} {GROUND} SIN(0 {number(amplitude)} {cycles})"
+    circuit.V("displacement", DISPLACEMENT, gnd, f"SIN(0 {number(amplitude)} {cycles})")
     speed = number(amplitude * omega / rate)
-    yield f"V{VELOCITY} {VELOCITY} {GROUND} SIN(0 {speed} {cycles} 0 0 90)"
-    forces = [element for element in network.elements if element.kind.startswith("force")]
-    ends = [f"reaction{k or ''}" for k in range(len(forces))] + [GROUND]
+    circuit.V("velocity", VELOCITY, gnd, f"SIN(0 {speed} {cycles} 0 0 90)")
+    source = circuit.VoltageControlledVoltageSource
     inertia = number(-((omega / rate) ** 2))
-    yield f"Einertia {NOISE} {ends[0]} {DISPLACEMENT} {GROUND} {inertia}"
+    forces = [element for element in network.elements if element.kind.startswith("force")]
+    ends = [f"reaction{k or ''}" for k in range(len(forces))] + [gnd]
+    source("inertia", NOISE, ends[0], DISPLACEMENT, gnd, inertia)
     for element, plus, minus in zip(forces, ends, ends[1:], strict=False):
-        gain = number(gain_of(element, rate, scales))
+        gain = number(_force_gain(element, rate, scales))
         if element.kind == "force of current":
-            yield f"H{plus} {plus} {minus} V{element.plus} {gain}"
+            circuit.CurrentControlledVoltageSource(plus, plus, minus, f"V{element.plus}", gain)
         else:
-            yield f"E{plus} {plus} {minus} {element.plus} {element.minus} {gain}"
+            source(plus, plus, minus, element.plus, element.minus, gain)
 
 
-def curved_forces(
-    s: System, rate: float, refer: Callable[..., str], spring: str, **own: Any
-) -> Iterator[str]:
-    """The spring beyond its first power, air drag, and every contact while it acts (Eq. 5).
-
-    `refer` gives the text of a number, `own` is of `harvester.device.contact.formulas`.
-    """
-    forces = {
-        spring: s.spring.nonlinear_formula(X, rate, refer),
-        "drag": drag_formula(s.damper, U, refer),
-    }
+def add_nonlinear_forces(circuit: Circuit, s: System, rate: float) -> None:
+    """The spring beyond its first power, air drag, and every contact while it acts (Eq. 5)."""
+    name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
+    forces = {name: s.spring.nonlinear_formula(X, rate, literal)}
+    forces["drag"] = drag_formula(s.damper, U, literal)
     for name, contact in named_contacts(s):
-
-        def of_contact(key: str, *description: Any, name: str = name) -> str:
-            return refer(f"{name}_{key}", *description)
-
-        condition, force = contacts.formulas(contact, s.spring, X, U, rate, of_contact, H, **own)
+        condition, force = contacts.formulas(contact, s.spring, X, U, rate, literal, H)
         forces[name] = f"({condition}) ? {force} : 0"
     for name, expression in forces.items():
         if expression:
-            yield f"B{name} {VELOCITY} {GROUND} i={expression}"
-
-
-def nonlinear_forces(s: System, rate: float) -> Iterator[str]:
-    """`curved_forces` with numbers."""
-    name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
-    return curved_forces(s, rate, literal, name)
+            circuit.BehavioralSource(name, VELOCITY, circuit.gnd, current_expression=expression)
 
 
 def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
@@ -192,7 +177,7 @@ def holding(s: System) -> list[Contact]:
     ]
 
 
-def speed_hold(s: System, rate: float, step: float, start: str) -> Iterator[str]:
+def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start: str) -> None:
     """Sample and hold of the impact speed (`event`).
 
     Out of contact, `held_speed` follows the speed at which the mass would arrive at the stopper
@@ -220,17 +205,18 @@ def speed_hold(s: System, rate: float, step: float, start: str) -> Iterator[str]
         follow = f"({change})*{per_step}"
         for condition in reversed(conditions):
             follow = f"({condition}) ? 0 : ({follow})"
-        yield f"C{node} {node} {GROUND} {number(1 / rate)} ic={start}"
-        yield f"B{node} {GROUND} {node} i={follow}"
+        circuit.C(node, node, circuit.gnd, number(1 / rate), ic=start)
+        circuit.BehavioralSource(node, circuit.gnd, node, current_expression=follow)
 
 
-def transducer(
+def add_transducer(
+    circuit: Circuit,
     elements: Iterable[Component],
     rate: float,
     scales: Scales,
     state: str | None = None,
     pace: float = 1.0,
-) -> Iterator[str]:
+) -> None:
     """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
 
     A source that moves with the mass is controlled by the velocity, and a force is a current out of
@@ -238,50 +224,47 @@ def transducer(
     the excitation is divided by it.
     """
     for element in elements:
-        factor = pace if element.kind in ("moving current", "base voltage") else 1.0
-        element = element._replace(value=element.value * factor)
-        start = f" ic={state if element.holds_state and state else number(0.0)}"
-        gain = number(gain_of(element, rate, scales))
-        yield element_line(element, element.plus, element.minus, gain, start)
+        gain = pace if element.kind in ("moving current", "base voltage") else 1.0
+        element = element._replace(value=element.value * gain)
+        _add_element(circuit, element, rate, scales, state or number(0.0))
 
 
-def gain_of(each: Component, rate: float, scales: Scales) -> float:
-    """Value of a network's element, whose mass moves with V(velocity) times rate.
+def _add_element(
+    circuit: Circuit, each: Component, rate: float, scales: Scales, state: str
+) -> None:
+    gnd, value = circuit.gnd, number(each.value)
+    ends = (each.name, each.plus, each.minus)
+    if each.kind == "resistor":
+        circuit.R(*ends, value)
+    elif each.kind == "ammeter":
+        circuit.V(*ends, value)
+    elif each.kind in ("capacitor", "inductor"):
+        add = circuit.C if each.kind == "capacitor" else circuit.L
+        add(*ends, value, ic=state if each.holds_state else number(0.0))
+    elif each.kind == "moving voltage":
+        source = circuit.VoltageControlledVoltageSource
+        source(*ends, VELOCITY, gnd, number(each.value * rate))
+    elif each.kind == "moving current":
+        source = circuit.VoltageControlledCurrentSource
+        source(each.name, each.minus, each.plus, VELOCITY, gnd, number(each.value * rate))
+    elif each.kind == "base voltage":
+        gain = number(each.value * rate**2)
+        circuit.CurrentControlledVoltageSource(*ends, f"V{EXCITATION}", gain)
+    elif each.kind == "force of voltage":
+        gain = number(_force_gain(each, rate, scales))
+        source = circuit.VoltageControlledCurrentSource
+        source(each.name, VELOCITY, gnd, each.plus, each.minus, gain)
+    elif each.kind == "force of current":
+        gain = number(_force_gain(each, rate, scales))
+        circuit.CurrentControlledCurrentSource(each.name, VELOCITY, gnd, f"V{each.plus}", gain)
+    else:
+        raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
 
-    A base voltage is per ampere of the noise; a force is an acceleration over rate² per volt or
-    ampere.
-    """
-    if each.kind.startswith("moving"):
-        return each.value * rate
-    if each.kind == "base voltage":
-        return each.value * rate**2
-    if each.kind.startswith("force"):
-        unit = scales.voltage if each.kind == "force of voltage" else 1.0
-        return each.value / (rate**2 * unit)
-    return each.value
 
-
-def element_line(
-    each: Component, plus: str, minus: str, value: str, start: str, base: str = f"H V{EXCITATION}"
-) -> str:
-    """An element of a transducer's network between two nodes, its value as text.
-
-    `start` is the initial value of a store, as text; `base` the letter of the source of a base
-    voltage, and what controls it.
-    """
-    name, ends = each.name, f"{plus} {minus}"
-    letter, _, shaking = base.partition(" ")
-    return {
-        "resistor": f"R{name} {ends} {value}",
-        "capacitor": f"C{name} {ends} {value}{start}",
-        "inductor": f"L{name} {ends} {value}{start}",
-        "ammeter": f"V{name} {ends} {value}",
-        "moving voltage": f"E{name} {ends} {VELOCITY} {GROUND} {value}",
-        "moving current": f"G{name} {minus} {plus} {VELOCITY} {GROUND} {value}",
-        "base voltage": f"{letter}{name} {ends} {shaking} {value}",
-        "force of voltage": f"G{name} {VELOCITY} {GROUND} {ends} {value}",
-        "force of current": f"F{name} {VELOCITY} {GROUND} V{each.plus} {value}",
-    }[each.kind]
+def _force_gain(each, rate, scales):
+    """Force of a network element: acceleration over rate² per volt or per ampere."""
+    unit = scales.voltage if each.kind == "force of voltage" else 1.0
+    return each.value / (rate**2 * unit)
 
 
 def behind_ammeter(network: Network) -> str:
@@ -289,22 +272,18 @@ def behind_ammeter(network: Network) -> str:
     return f"load_{network.terminal}"
 
 
-def resistor_definition() -> list[str]:
-    """The sub-circuit of the built-in resistor."""
-    text = resources.files("netlists").joinpath("resistor.lib").read_text(encoding="utf-8")
-    return [line for line in text.splitlines() if line.strip() and not line.startswith("*")]
-
-
-def resistor(resistance: float, network: Network) -> Iterator[str]:
-    """The call of the built-in resistor (Ω), behind an ammeter where the network asks for one.
+def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
+    """The built-in resistor (Ω) as a sub-circuit, behind an ammeter where the network asks for one.
 
     A single resistor's power follows from the voltage.
     """
+    text = resources.files("netlists").joinpath("resistor.lib").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("*")]
+    circuit.raw_spice += "\n".join(lines) + "\n"
     node = network.terminal
     if network.current_per_ampere > 0.0:
-        node = behind_ammeter(network)
-        yield _ammeter(network)
-    yield f"Xload {node} {GROUND} resistor resistance={number(resistance)}"
+        node = _add_ammeter(circuit, network)
+    circuit.X("load", "resistor", node, circuit.gnd, resistance=number(resistance))
 
 
 def load_pins(network: Network) -> dict[str, str]:
@@ -316,24 +295,25 @@ def load_pins(network: Network) -> dict[str, str]:
     return {"n": GROUND, **{pin: f"{PIN}{node}" for pin, node in ends.items()}}
 
 
-def load_call(load: LoadCircuit, network: Network, named: bool) -> Iterator[str]:
+def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool) -> None:
     """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
 
     While every diode blocks, a DC side has no defined potential against the terminals, and
     Newton's iterations fail at short steps: a stray capacitance to ground gives it one, at the pins
     that `LoadCircuit.stray_pins` names.
     """
-    nodes = {"p": network.terminal, "n": GROUND, "out": OUTPUT, "ref": REFERENCE}
-    if load.resistance is None or network.current_per_ampere > 0.0:
-        nodes["p"] = behind_ammeter(network)
-        yield _ammeter(network)
-    stray = number(STRAY_SHARE * network.reference_capacitance)
+    measured = load.resistance is None or network.current_per_ampere > 0.0
+    first = _add_ammeter(circuit, network) if measured else network.terminal
+    nodes = {"p": first, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
+    values = {name: number(value) for name, value in load.parameters if named}
     for pin in load.stray_pins:
-        yield f"Cstray_{pin} {nodes[pin]} {GROUND} {stray} ic={number(0.0)}"
-    values = (f"{name}={number(value)}" for name, value in sorted(load.parameters) if named)
-    yield " ".join(["Xload", *(nodes[pin] for pin in load.pins), load.name, *values])
+        stray = number(STRAY_SHARE * network.reference_capacitance)
+        circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))
+    circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)
 
 
-def _ammeter(network):
-    """0 V between terminal and load, positive out of the transducer."""
-    return f"V{LOAD_AMMETER} {network.terminal} {behind_ammeter(network)} {number(0.0)}"
+def _add_ammeter(circuit, network):
+    """0 V between terminal and load, positive out of the transducer; returns the load's node."""
+    node = behind_ammeter(network)
+    circuit.V(LOAD_AMMETER, network.terminal, node, number(0.0))
+    return node

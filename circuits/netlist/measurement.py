@@ -300,5 +300,6 @@ def _check_known(measure, tree, known):
             what = "current" if name.startswith("i(") else "node"
             raise NetlistError(
                 f"{measure.where}: measure: the load has no {what} {name[:60]}"
-                f"{nearest(name, known)}{f'; {AMMETER}' * name.startswith('i(')}"
+                f"{nearest(name, known)}; there are {', '.join(sorted(known - {GROUND}))}"
+                f"{f'; {AMMETER}' * name.startswith('i(')}"
             )

@@ -258,7 +258,8 @@ def _vetted(card, circuit, scope):
     bare = [word for word in words if "=" not in word]
     target = circuit.find(bare[-1])
     if target is None:
-        refuse(card, f"no .subckt {bare[-1][:40]}{nearest(bare[-1], circuit.known())}")
+        missing = f"{bare[-1][:40]}{nearest(bare[-1], circuit.known())}"
+        refuse(card, f"no .subckt {missing}: copy it into the file, or .include its file")
     nodes = bare[1:-1]
     check_nodes(card, [bare[0], *nodes])
     if len(nodes) != len(target.pins):

@@ -395,7 +395,9 @@ def _model(line, rest, scope):
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
         missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
-        refuse(card, f"no .model {missing}: copy that part's .model line into the file")
+        refuse(
+            card, f"no .model {missing}: copy its .model line into the file, or .include its file"
+        )
     if position > _FURTHER.get(letter, 0) or (letter == "w" and not position):
         refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
     if letter == "w":

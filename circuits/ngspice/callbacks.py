@@ -45,7 +45,7 @@ KNOTS_KEPT_BEHIND = 8
 # Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
 # names come from `circuits.equivalent.elements` and are shorter.
 LONGEST_NAME = 64
-# Last letter of the name of the source `elements.pacing`.
+# Last letter of the name of the source `elements.add_pace`.
 CLOCK = ord("k")
 # Columns of the buffer, for each copy, in front of the unknowns of the load's measures and of those
 # that are watched. Columns that do not apply are 0.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 def prepare(ready: Prepared) -> None:
     """Load libraries and compiled code, so that they do not count as simulation."""
+    importlib.import_module("PySpice.Spice.Netlist")
     session().prepare(ready.system)
 
 

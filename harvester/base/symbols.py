@@ -17,8 +17,10 @@ SYMBOLS = {
 DEFINITIONS = {
     "power_conversion_efficiency": "power into the load over that power and the device's losses",
     "power_conversion_efficiency_of_input": "power into the load over the mechanical input",
-    "converter_efficiency": "power harvested at the load's output over the power into the load",
-    "end_to_end_efficiency": "power harvested at the load's output over the mechanical input",
+    "converter_efficiency": "power harvested at the load's output and into its stores, over the "
+    "power into the load",
+    "end_to_end_efficiency": "power harvested at the load's output and into its stores, over the "
+    "mechanical input",
     "mean_power_used_at_output": "power that the output takes; less the power from the load's "
     "sources, it is the mean output power, which is harvested",
     "mean_storage_power": "into all capacitors, coils and batteries of the load; with output power "

@@ -79,8 +79,8 @@ class Command:
             if not self.takes_runner:
                 yield Option.of("output", Folder), "Folder for JSON and figure."
             if self.is_run:
-                text = "Write a realization over time (see --window, --node): a .csv, .nc or .png"
-                yield Option.of("waveform", File), f"{text} file."
+                text = "Write a realization over time (see --window, --node): .csv, .nc, .png, .svg"
+                yield Option.of("waveform", File), f"{text} or .pdf."
             yield Option.of("report", File), "Write one self-contained HTML page with everything."
         yield Option.of("quiet", bool, False), "Show errors only, and output to -."
 

@@ -18,6 +18,7 @@ from harvester.results.view import Table, View
 # Seconds after which a progress bar appears; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
+STARTING = "starting; compiles for a minute or so if no earlier run has"
 # Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 
@@ -49,12 +50,12 @@ def progress(
         console=console,
         transient=True,
     )
-    task = bar.add_task(label, total=1.0, rate="starting; the first run compiles")
+    task = bar.add_task(label, total=1.0, rate=STARTING)
 
     def update(share, words=""):
         elapsed = bar.tasks[task].elapsed or 1.0
         rate = f"{share * simulated_seconds / elapsed:,.0f} s/s" if simulated_seconds else words
-        rate = rate if share else f"{words}: starting; the first run compiles"
+        rate = rate if share else f"{words}: {STARTING}"
         bar.update(task, completed=share, rate=rate)
 
     # The delay begins now and not at the first report: compilation before it may take long.
@@ -77,8 +78,7 @@ class _Lines:
     """
 
     def __init__(self, label):
-        self._label, self._share = label, 0.0
-        self._words = "starting; the first run compiles, a minute or so"
+        self._label, self._share, self._words = label, 0.0, STARTING
         # The speed is measured from the first report on, since it excludes the start.
         self._first = None
         self._started, self._next = time.monotonic(), SAY_AFTER_SECONDS
@@ -110,7 +110,7 @@ class _Lines:
         elif done > 0.0:
             left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
         elif self._first and not self._share:
-            left = f"{self._words}: starting; the first run compiles"
+            left = f"{self._words}: {STARTING}"
         share = f"{self._share:.2%} " if self._share else ""
         print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
 

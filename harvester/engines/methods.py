@@ -13,6 +13,7 @@ from harvester.base.arguments import check_name
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real, on_quotes
+from harvester.base.plain_text import named, nearest
 from harvester.base.registry import Registry
 from harvester.base.signatures import Share
 
@@ -260,12 +261,12 @@ def check_step(step: str | float) -> str | float:
     """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.scene.steps import STEP_LEVELS
 
-    if isinstance(step, str) and not on_quotes(step):
-        return check_name("step", step, STEP_LEVELS)
+    if isinstance(step, str) and step in STEP_LEVELS:
+        return step
     if isinstance(step, str) or not (is_real(step) and 0.0 < step < math.inf):
-        levels = ", ".join(STEP_LEVELS)
         raise HarvesterError(
-            f"step {step}: must be one of {levels} or seconds > 0{on_quotes(step)}"
+            f"step {named(step)}{nearest(step, STEP_LEVELS)}: must be one of "
+            f"{', '.join(STEP_LEVELS)}, or the longest step in seconds > 0{on_quotes(step)}"
         )
     return step
 

@@ -1,7 +1,12 @@
 """Progress of a list of tasks, from the times of finished tasks by label."""
 
+import math
+import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
+
+# Largest share of a time budget that is shown as done: what runs at its end is still awaited.
+MOST_OF_BUDGET = 0.99
 
 
 class Stages:
@@ -29,7 +34,8 @@ class Stages:
 class Progress:
     """Sum of finished and remaining work, in seconds of one core.
 
-    `report` is given the share done of one list of tasks, 0 … 1, never falling, and a few words.
+    `report` is given the share done of one list of tasks, 0 … 1, never falling, and a few words. If
+    more of the time budget is spent than of the work done, it is given the budget's share.
     """
 
     def __init__(self, report: Callable[[float, str], object]):
@@ -41,12 +47,14 @@ class Progress:
         self._ahead: dict[object, tuple[str, float]] = {}
         self._plans, self._ended = 0, 0
         self._share, self._spent = 0.0, 0.0
+        self._began, self._deadline = 0.0, math.inf
 
-    def begin(self, plans: int) -> None:
+    def begin(self, plans: int, deadline: float = math.inf) -> None:
         """Add plans; after the end of all others the share starts from zero."""
         if self._ended == self._plans:
             self._plans, self._ended = 0, 0
             self._share, self._spent = 0.0, 0.0
+            self._began, self._deadline = time.monotonic(), deadline
         self._plans += plans
 
     def ask(self, plan: object, label: str, ahead: float) -> None:
@@ -85,7 +93,9 @@ class Progress:
             self._share = max(self._share, (self._spent + begun) / (self._spent + left))
         elif not self._waiting.total():
             self._share = 1.0
-        self.report(self._share, f"{self._ended} of {self._plans}")
+        budget = max(self._deadline - self._began, 0.0) or math.inf
+        of_budget = min((time.monotonic() - self._began) / budget, MOST_OF_BUDGET)
+        self.report(max(self._share, of_budget), f"{self._ended} of {self._plans}")
 
     def _mean(self, label):
         """Seconds that a task takes; of a label not met yet, as those that were, if any were."""

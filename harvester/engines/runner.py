@@ -183,7 +183,7 @@ class _Following:
         self._done: queue.SimpleQueue = queue.SimpleQueue()
 
     def to_the_end(self):
-        self._progress.begin(len(self._plans))
+        self._progress.begin(len(self._plans), self._runner._deadline)
         try:
             for plan in range(len(self._plans)):
                 self._advance(plan, None)

@@ -453,7 +453,7 @@ def _band_remark(record, angular_frequency):
     return (
         f"the record does not excite the device: {BAND_SHARE:.0%} of its power lies between "
         f"{low:.3g} and {high:.3g} Hz, and the device moves at {frequency:.3g} Hz: check "
-        "time_unit and sampling_rate",
+        "the time column's heading, time_unit and sampling_rate",
     )
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import nearest
-from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -61,6 +60,8 @@ def write(
     HarvesterError
         No such format, or an option that it does not have.
     """
+    from harvester.scene.prepared import prepared
+
     if kind not in FORMATS:
         raise HarvesterError(
             f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
@@ -76,6 +77,8 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
+    # The command line reads this module for its help, where numpy would be felt.
+
     paths = writer(prepared(scene), output, **arguments)
     for path in paths:
         report(f"written: {path}")

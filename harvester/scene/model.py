@@ -329,9 +329,9 @@ def _check_sampling(scene, origin):
     if frequency > highest:
         raise SceneError(
             f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which holds no more "
-            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: give the unit of "
-            'the time column by excitation.time_unit ("ms", "us", … or "samples" with '
-            "sampling_rate), or take a finer record"
+            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: correct the unit "
+            "in the time column's heading, or where it has none give excitation.time_unit "
+            '("ms", "us", … or "samples" with sampling_rate), or take a finer record'
         )
 
 

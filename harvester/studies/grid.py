@@ -122,6 +122,9 @@ def make_grid(
         for point in itertools.product(*sweeps.values())
     ]
     points, notes = _with_storage(points)
+    netlists = ", ".join(label for label in labels if loaded[label].load.netlist)
+    if RESISTANCES[1] in sweeps and netlists:
+        notes += (f"{RESISTANCES[1]} sets {RESISTANCES[0]} of {netlists}",)
     points = _on_common_knots(points)
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)

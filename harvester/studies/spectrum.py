@@ -36,7 +36,8 @@ HANN_BINS = 1.5
 # A specification ends where the density falls below this share of its greatest.
 FAINTEST = 1e-4
 # Quality factor of a device whose power a specification keeps; it then keeps the power of wider
-# ones too. Steps per width of its resonance, and the least of all.
+# ones too. Findings are on the given device if its resonance is wider. Steps per width of the
+# resonance, and the least of all.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
 # Least ratio of that width to the resolution: at 2, a record's power by the lines was
 # up to 10 % from the power by its periodogram, at 4 up to 5 %.
@@ -121,7 +122,9 @@ def _analysed(
         values *= density.sum() * frequencies[0] / (values.sum() * fine[0])
         profiled = fine, values, HANN_BINS / (longer * interval)
     fine, values, bandwidth = profiled
-    points, departure = profile(fine, values, breakpoints, bandwidth)
+    centre, width = _resonance(scene) or (0.0, 0.0)
+    quality = min(QUALITY, centre / width) if width > 0.0 else QUALITY
+    points, departure = profile(fine, values, breakpoints, bandwidth, quality)
     return SpectrumAnalysis(
         name=name,
         scene=scene,
@@ -133,8 +136,9 @@ def _analysed(
         duration=count * interval,
         moments=moments,
         profile=points,
+        quality=quality,
         departure=departure,
-        resolved_from=BINS_OF_WIDTH * QUALITY * bandwidth,
+        resolved_from=BINS_OF_WIDTH * quality * bandwidth,
     )
 
 
@@ -205,7 +209,11 @@ def _sums(blocks, count, interval, size):
 
 
 def profile(
-    frequencies: np.ndarray, density: np.ndarray, breakpoints: int, resolution: float = 0.0
+    frequencies: np.ndarray,
+    density: np.ndarray,
+    breakpoints: int,
+    resolution: float = 0.0,
+    quality: float = QUALITY,
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Breakpoints of straight lines on log–log axes, with the mean square of the density.
 
@@ -220,6 +228,8 @@ def profile(
         Largest number of breakpoints.
     resolution
         Bandwidth of the density (Hz).
+    quality
+        Quality factor of the device whose departure is returned.
 
     Returns
     -------
@@ -263,17 +273,29 @@ def profile(
     points = np.exp(np.column_stack([x[chosen], y]))
     points[:, 1] *= square[-1] / mean_square(tuple(map(tuple, points)))
     lines = np.exp(np.interp(x, x[chosen], np.log(points[:, 1])))
-    shares = _powers(x, lines) / powers - 1.0
+    shares = _powers(x, lines, quality) / _powers(x, smoothed, quality) - 1.0
     index = int(np.abs(shares).argmax())
     return points, (float(at[index]), float(shares[index]))
 
 
-def _powers(x, density):
-    """Mean-square velocity of a device of Q = 100 at each frequency exp(x), but for a factor."""
+def _resonance(scene):
+    """Frequency and half-power width of a scene's device (Hz), transducer open; None without."""
+    from harvester.device import timescales
+    from harvester.scene.prepared import prepared
+
+    if scene is None or scene.excitation.prescribes_displacement:
+        return None
+    system = prepared(scene).system
+    omega = timescales.angular_frequency(system)
+    return omega / (2.0 * math.pi), timescales.loss_rate(system, omega) / (2.0 * math.pi)
+
+
+def _powers(x, density, quality=QUALITY):
+    """Mean-square velocity of a device of this Q at each frequency exp(x), but for a factor."""
     from scipy.signal import fftconvolve
 
     ratio = np.exp((x[1] - x[0]) * np.arange(1 - x.size, x.size))
-    response = ratio**2 / ((1.0 - ratio**2) ** 2 + (ratio / QUALITY) ** 2)
+    response = ratio**2 / ((1.0 - ratio**2) ** 2 + (ratio / quality) ** 2)
     return fftconvolve(density * np.exp(x), response[::-1], mode="valid")
 
 
@@ -299,10 +321,12 @@ class SpectrumAnalysis(ResultBase):
     profile : ndarray, shape (m, 2)
         Breakpoints: frequency (Hz) and density.
     departure : tuple of float
-        Frequency (Hz) of the device of Q = 100 whose power departs most by the breakpoints, and the
-        share.
+        Frequency (Hz) of the device of this `quality` whose power departs most by the breakpoints,
+        and the share.
     resolved_from
-        Lowest frequency at which the profile resolves a device of Q = 100 (Hz).
+        Lowest frequency at which the profile resolves such a device (Hz).
+    quality
+        Quality factor of that device: the scene's, at most 100.
     """
 
     name: str
@@ -317,6 +341,7 @@ class SpectrumAnalysis(ResultBase):
     profile: np.ndarray = field(repr=False)
     departure: tuple[float, float] = field(repr=False)
     resolved_from: float = field(repr=False)
+    quality: float = QUALITY
 
     @property
     def unit(self) -> str:
@@ -397,15 +422,10 @@ class SpectrumAnalysis(ResultBase):
 
     def device_band(self) -> tuple[float, float, float] | None:
         """Frequency and half-power width of the device (Hz), and the share of the power in it."""
-        from harvester.device import timescales
-        from harvester.scene.prepared import prepared
-
-        if self.scene is None or self.scene.excitation.prescribes_displacement:
+        resonance = _resonance(self.scene)
+        if resonance is None:
             return None
-        system = prepared(self.scene).system
-        omega = timescales.angular_frequency(system)
-        centre = omega / (2.0 * math.pi)
-        width = timescales.loss_rate(system, omega) / (2.0 * math.pi)
+        centre, width = resonance
         edges = np.append(self.frequencies - 0.5 * self._bin, self.frequencies[-1])
         gathered = np.append(0.0, np.cumsum(self.density)) / self.density.sum()
         low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], edges, gathered)
@@ -436,8 +456,11 @@ class SpectrumAnalysis(ResultBase):
         runs, probability = self.runs_test()
         rows = [
             ["rms", Printed(f"{self.rms:.4g} {unit}".rstrip(), self.rms, None, unit)],
-            ["bandwidth", Printed(f"{self.bandwidth:.4g} Hz", self.bandwidth, None, "Hz")],
-            ["nine tenths of the power", "{:.4g} to {:.4g} Hz".format(*self.band)],
+            [
+                "bandwidth (∫ G df)²/∫ G² df",
+                Printed(f"{self.bandwidth:.4g} Hz", self.bandwidth, None, "Hz"),
+            ],
+            ["band with nine tenths of the power", "{:.4g} to {:.4g} Hz".format(*self.band)],
             ["kurtosis", Printed(f"{kurtosis:.3f} ± {error:.2g}", kurtosis, error)],
             ["skewness", Printed(f"{skewness:.3f} ± {spread:.2g}", skewness, spread)],
             ["runs test", f"{runs} runs of {len(self.moments)} stretches, p = {probability:.2g}"],
@@ -445,7 +468,8 @@ class SpectrumAnalysis(ResultBase):
         device = self.device_band()
         if device:
             centre, width, share = device
-            rows.append(["device's band", f"{centre:.4g} ± {0.5 * width:.2g} Hz: {share:.2%}"])
+            band = f"{centre:.4g} ± {0.5 * width:.2g} Hz: {share:.2%} of the power"
+            rows.append(["device's open-circuit resonance ± half bandwidth", band])
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
     def _findings(self) -> list[str]:
@@ -459,7 +483,7 @@ class SpectrumAnalysis(ResultBase):
         ]
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
-            f"at Q = {QUALITY:g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
+            f"at Q = {self.quality:.3g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
             + (": take more breakpoints" if abs(share) > NOTED_DEPARTURE else "")
             if self.profile.size
             else "no specification: the density is one line; take a sine instead"
@@ -467,7 +491,7 @@ class SpectrumAnalysis(ResultBase):
         if self.profile.size and self.resolved_from > self.profile[0, 0]:
             lines.append(
                 f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
-                f"device of Q = {QUALITY:g}: take a longer record, or duration of a scene"
+                f"device of Q = {self.quality:.3g}: take a longer record, or duration of a scene"
             )
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:

@@ -43,7 +43,7 @@ def test_an_object_of_no_kind_is_refused_by_every_option(name):
         assert "--" not in message
 
 
-@pytest.mark.parametrize("wrong", WRONG, ids=repr)
+@pytest.mark.parametrize("wrong", WRONG, ids=["object", "list", "keys", "name", "number"])
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_wrong_scene_is_refused(name, wrong):
     with pytest.raises(harvester.HarvesterError) as raised:

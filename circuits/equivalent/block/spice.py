@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from circuits.equivalent.elements import (
-    curved_forces,
-    element_line,
-    gain_of,
-    line_forces,
-    number,
-    states,
-)
+from circuits.equivalent.elements import VELOCITY, H, U, X, number
+from harvester.device import contact as contacts
+from harvester.device.damper import drag_formula
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 
 if TYPE_CHECKING:
@@ -45,15 +40,35 @@ def _mechanics(parameters: Parameters) -> Iterator[str]:
     """Mass, spring, damper, contacts; a current into `velocity` is a force over mass and rate²."""
     system, rate, length = parameters.ready.system, parameters.rate, parameters.length
     refer = parameters.named("{{{}}}".format)
-    begin = (f"start_{name}*{number(1.0 / unit)}" for name, unit in
-             (("displacement", length), ("velocity", rate * length)))  # fmt: skip
-    yield from states(rate, *(f"{{{text}}}" for text in begin))
+    one = number(1.0 / rate)
+    yield f"Cdisplacement displacement 0 {one} ic={{start_displacement*{number(1.0 / length)}}}"
+    yield "Gvelocity 0 displacement velocity 0 1.0"
+    yield f"Cmass velocity 0 {one} ic={{start_velocity*{number(1.0 / (rate * length))}}}"
     yield f"Gbase velocity 0 base 0 {{base_factor*{number(1.0 / (length * rate**2))}}}"
     yield f"Ex x 0 displacement 0 {{{number(length)}/displacement_unit}}"
     damping = refer("damping", system.damper.damping / rate)
     yield f"Gdamper velocity 0 velocity 0 {damping}"
-    yield from line_forces(system, rate, refer)
-    yield from curved_forces(system, rate, refer, "nonlinear_spring", bounded=True)
+    tilt, linear = system.spring.line
+    if tilt != 0.0:
+        yield f"Itilt velocity 0 {refer('tilt', tilt / rate**2, 'F/rate^2')}"
+    if linear != 0.0:
+        gain = refer("linear_stiffness", linear / rate**2, "k1/rate^2")
+        yield f"Gspring velocity 0 displacement 0 {gain}"
+    for name, formula in (
+        ("nonlinear_spring", system.spring.nonlinear_formula(X, rate, refer)),
+        ("drag", drag_formula(system.damper, U, refer)),
+    ):
+        if formula:
+            yield f"B{name} velocity 0 i={formula}"
+    for name, contact in parameters.contacts.items():
+
+        def of_contact(key, *rest, name=name):
+            return refer(f"{name}_{key}", *rest)
+
+        condition, force = contacts.formulas(
+            contact, system.spring, X, U, rate, of_contact, H, bounded=True
+        )
+        yield f"B{name} velocity 0 i=({condition}) ? {force} : 0"
 
 
 def _electrical(parameters: Parameters) -> Iterator[str]:
@@ -63,11 +78,21 @@ def _electrical(parameters: Parameters) -> Iterator[str]:
     if metered(network):
         yield f"V{LOAD_AMMETER} {node[network.terminal]} p 0"
     for element in network.elements:
-        value = parameters.element(element.name, si_value(element, parameters))
-        value = "0" if element.kind == "ammeter" else f"{{{value}}}"
-        plus, minus = (node.get(end, end) for end in (element.plus, element.minus))
+        ends = f"{node.get(element.plus, element.plus)} {node.get(element.minus, element.minus)}"
+        swapped = " ".join(reversed(ends.split()))
+        value = f"{{{parameters.element(element.name, si_value(element, parameters))}}}"
         start = " ic={start_state}" if element.holds_state else ""
-        yield element_line(element, plus, minus, value, start, "E base 0")
+        yield {
+            "resistor": f"R{element.name} {ends} {value}",
+            "capacitor": f"C{element.name} {ends} {value}{start}",
+            "inductor": f"L{element.name} {ends} {value}{start}",
+            "ammeter": f"V{element.name} {ends} 0",
+            "moving voltage": f"E{element.name} {ends} {VELOCITY} 0 {value}",
+            "base voltage": f"E{element.name} {ends} base 0 {value}",
+            "moving current": f"G{element.name} {swapped} {VELOCITY} 0 {value}",
+            "force of voltage": f"G{element.name} {VELOCITY} 0 {ends} {value}",
+            "force of current": f"F{element.name} {VELOCITY} 0 V{element.plus} {value}",
+        }[element.kind]
 
 
 def metered(network: Network) -> bool:
@@ -85,6 +110,12 @@ def nodes_of(network: Network) -> dict[str, str]:
 
 def si_value(each: Component, parameters: Parameters) -> float:
     """Value of an element in terms of V(velocity), its current or V(base); others unchanged."""
+    rate, scales = parameters.rate, parameters.ready.scales
+    if each.kind.startswith("moving"):
+        return each.value * rate
     if each.kind == "base voltage":
         return -each.value / parameters.ready.excitation_unit
-    return gain_of(each, parameters.rate, parameters.ready.scales)
+    if each.kind.startswith("force"):
+        unit = scales.voltage if each.kind == "force of voltage" else 1.0
+        return each.value / (rate**2 * unit)
+    return each.value

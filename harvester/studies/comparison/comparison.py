@@ -273,8 +273,9 @@ class Comparison(ResultBase):
                 f"{NOT_SHARP}; {remedy}.",
                 None,
             )
+        checked = ", ".join(words(name) for name in sigmas if name not in unsharp)
         if self.significant or self.paired_apart:
-            within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%}"
+            within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%} in {checked}"
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without noise may have a difference of 0.
@@ -285,7 +286,7 @@ class Comparison(ResultBase):
             name = max(biases, key=lambda n: abs(biases[n].estimate))
             bias = share_with_error(biases[name])
             tail = f"; on the same noise the {words(name)} differs most, by {bias}{tail}"
-        return Verdict(f"{agreed} of every quantity{tail}.", True)
+        return Verdict(f"{agreed} of {checked if unsharp else 'every quantity'}{tail}.", True)
 
     def _is_sharp(self, name):
         """Whether the engines' difference, paired or not, is known to `SHARP_SHARE` or better."""

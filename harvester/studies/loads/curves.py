@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import standard_error
+from harvester.statistics.estimate import RESOLVED_SHARE
 
 # Half width of an interval, in standard errors.
 INTERVAL = 2.0
@@ -47,6 +49,12 @@ class Difference:
     worse: str
     estimate: float
     standard_error: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether the lead is significant; by any lead above round-off if it has no error."""
+        error = 0.0 if math.isnan(self.standard_error) else self.standard_error
+        return differ(self.estimate, error, negligible=RESOLVED_SHARE)
 
 
 def optimum_of(

@@ -38,14 +38,14 @@ def draw_power(study: Any) -> Figure:
 
 
 def draw_efficiency(study: Any) -> Figure:
-    """Harvested power over the mechanical input."""
+    """Output and storage power over the mechanical input."""
 
     def value(evaluation):
         names = [n for n in EFFICIENCIES if n in evaluation.estimates]
         names += [n for n in evaluation.estimates if n.startswith("power_conv")]
         return evaluation.estimates[names[0]].times(100.0) if names else None
 
-    return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
+    return _draw(study, "(output + store)/input [%]", value, lambda *_: None)
 
 
 def draw_waveforms(study: Any) -> Figure:

@@ -214,7 +214,7 @@ class LoadStudy(ResultBase):
         key, others = self.curve_keys
         along = key_words(key, self.scene.units)[0] if key else "the scene"
         header = ["load", *["at"] * bool(others), f"highest at {along}", "optimum", "interval"]
-        header += ["output power", "efficiency", "realizations", "note"]
+        header += ["output power", "efficiency (output + store)", "realizations", "note"]
         rows = []
         for other, words in self.others():
             for k, load in enumerate(self.grid.loads):
@@ -331,7 +331,8 @@ class LoadStudy(ResultBase):
         ]
         words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):
-            words.append(f"not checked ({proof.trouble or NOT_SHARP})")
+            part = "settled part " * is_sharp(proof.early_standard_error)
+            words.append(f"{part}not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
 
     def _place(self, point):
@@ -351,7 +352,10 @@ class LoadStudy(ResultBase):
         key, index = self.curve_keys[0], self.optima[where][1]
         at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
         power = with_error(top.estimates["output_power"], self.unit)
-        return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
+        load = self.grid.loads[where[0]]
+        equal = [d.worse for d in self.rankings[where[1:]][1] if d.better == load and not d.differs]
+        as_much = f", not significantly more than from {' and '.join(equal)}" if equal else ""
+        return f"most power: {power} from {load}{at}{as_much}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and a row for each point: load, swept values, all quantities with their errors.
@@ -459,14 +463,16 @@ class LoadStudy(ResultBase):
         order, differences = self.rankings[other]
         if len(order) < 2:
             return
-        yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
-        for lead in differences:
-            if order.index(lead.worse) == order.index(lead.better) + 1:
-                distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
-                has_error = self.scene.excitation.random and math.isfinite(distance)
-                sure = f", {distance:.1f} standard errors" if has_error else ""
-                apart = share_with_error(lead)
-                yield f"  {lead.better} over {lead.worse}: {apart} (paired){sure}"
+        pairs = {(lead.better, lead.worse): lead for lead in differences}
+        leads = [pairs[pair] for pair in itertools.pairwise(order)]
+        ranking = "".join(f" {'>' if lead.differs else '='} {lead.worse}" for lead in leads)
+        yield f"ranking at the optima{f', {words}' if words else ''}: {order[0]}{ranking}"
+        for lead in leads:
+            distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
+            has_error = self.scene.excitation.random and math.isfinite(distance)
+            sure = f", {distance:.1f} standard errors" if has_error else ""
+            sure += ", no significant difference" * (not lead.differs)
+            yield f"  {lead.better} over {lead.worse}: {share_with_error(lead)} (paired){sure}"
 
     def _failures(self):
         """Failures of points, and notes on the others, each printed once."""

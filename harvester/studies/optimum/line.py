@@ -57,8 +57,8 @@ SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
 # Two standard errors of the optimum may be this share of the window's half width. Otherwise the
-# next round has the realizations that would reach it, and this reserve; at most so many times as
-# many.
+# next round has the realizations that would reach it, times this reserve, but at most this multiple
+# of the present number.
 WANTED, RESERVE, TIMES_REALIZATIONS = 0.15, 1.2, 4.0
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16.0, "circuit": 1.0}
 # A narrower window is fitted if a value deviates from the cubic by this number of standard errors,

@@ -63,7 +63,7 @@ def test_it_is_a_comment_between_a_statement_and_its_continuation(tmp_path):
         ("output mean = 1", r"mean would name a quantity of the program's own"),
         ("loss mean_converter = 7", r"mean_converter would name"),
         ("output far_storage = 1", r"there twice"),
-        ("loss x = v(fra)", r"no node fra.*far"),
+        ("loss x = v(fra)", r"no node fra .did you mean far\?.; there are .*\bp\b"),
         ("loss x = i(rfar)", r"no current i\(rfar\)"),
         ("loss x = lin*2", r"unknown name lin"),
         ("loss x = (1", r"parenthesis missing"),

@@ -44,7 +44,7 @@ def test_a_long_run_says_what_it_will_take_from_its_first_seconds(monkeypatch, c
 
 def test_a_run_without_reports_says_that_it_goes_on(monkeypatch, capsys):
     lines = lines_of("identify", 50, {}, monkeypatch, capsys)
-    start = "starting; the first run compiles, a minute or so"
+    start = "starting; compiles for a minute or so if no earlier run has"
     assert lines == [f"identify: after {s} s, {start}" for s in (5, 10, 20, 40)]
 
 
@@ -52,8 +52,8 @@ def test_the_last_report_is_said_again_as_long_as_there_is_no_other(monkeypatch,
     reports = {2: (0.0, "0 of 3"), 12: (0.5, "1 of 3"), 25: (1.0, "3 of 3")}
     lines = lines_of("basins", 50, reports, monkeypatch, capsys)
     assert lines == [
-        "basins: after 5 s, 0 of 3: starting; the first run compiles",
-        "basins: after 10 s, 0 of 3: starting; the first run compiles",
+        f"basins: after 5 s, 0 of 3: {console.STARTING}",
+        f"basins: after 10 s, 0 of 3: {console.STARTING}",
         "basins: 50.00% after 20 s, about 18 s more",
         "basins: 100.00% after 40 s, evaluating the results",
     ]

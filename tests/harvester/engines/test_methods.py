@@ -105,6 +105,7 @@ def test_settings_are_checked_where_the_object_is_made():
         (lambda: Circuit(ramp=float("nan")), "ramp nan: must be a number"),
         (lambda: MonteCarlo(step=-1.0), "step -1.0"),
         (lambda: MonteCarlo(step=True), "step True"),
+        (lambda: MonteCarlo(step="superfine"), "mean fine.*finest, or the longest step in seconds"),
         (lambda: method_of(Stationary("fokker")), "unknown method fokker"),
     ):
         with pytest.raises(HarvesterError, match=said):

@@ -188,6 +188,22 @@ def test_progress_never_falls_and_ends_at_one():
     assert shares[-1] == (pytest.approx(1.0 / 11.0), "0 of 1")
 
 
+def test_progress_takes_no_longer_than_the_time_budget(monkeypatch):
+    shares, clock = [], [100.0]
+    monkeypatch.setattr("harvester.engines.progress.time.monotonic", lambda: clock[0])
+    progress = Progress(lambda share, words: shares.append(share))
+    progress.begin(1, deadline=250.0)
+    for _ in range(100):
+        progress.wait("slow")
+    clock[0] = 160.0
+    progress.done("slow", "a", 60.0)
+    assert shares[-1] == pytest.approx(0.4)
+    clock[0] = 300.0
+    progress.say()
+    assert shares[-1] < 1.0
+    progress.end(0)
+
+
 @pytest.mark.slow
 def test_a_plan_is_told_of_every_result_it_asked_for(pool):
     def plan():

@@ -132,7 +132,9 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
     plain = written(tmp_path, [], rows(1e3 * TIMES, MOTION / G))
     assert_read(plain, unit="g", column=1, time_column=0, time_unit="ms")
     # Milliseconds taken for seconds: 0.125 Hz at most.
-    refused(plain, "time_unit", "0.125 Hz", "moves at 9", unit="g", column=1, time_column=0)
+    refused(
+        plain, "heading", "time_unit", "0.125 Hz", "moves at 9", unit="g", column=1, time_column=0
+    )
     refused(plain, "has no unit", "give excitation.unit", column=1, time_column=0, time_unit="ms")
     refused(plain, "no column of times", unit="g", column=1, sampling_rate=RATE, time_unit="ms")
     numbered = written(tmp_path, ["sample,acc [g]"], rows(np.arange(7, COUNT + 7), MOTION / G))

@@ -160,7 +160,9 @@ def test_k2_is_refused_where_it_means_nothing(name, overrides, words):
 def test_overrides_that_take_each_other_out_are_refused():
     both = ["load.netlist=bridge", "load.resistance=10k"]
     for overrides in (both, both[::-1]):
-        with pytest.raises(SceneError, match=r"--set load\.\w+ and load\.\w+ exclude each other"):
+        with pytest.raises(
+            SceneError, match=r"overrides load\.\w+ and load\.\w+ exclude each other"
+        ):
             Scene.read("device", overrides)
     assert Scene.read("device", [*both, "load.netlist=none"]).load.resistance == 1e4
 
@@ -184,6 +186,6 @@ def test_an_override_that_removes_an_earlier_one_is_refused_by_both_names(first,
     names = [text.partition("=")[0] for text in (first, second)]
     with pytest.raises(SceneError) as error:
         Scene.read("paper", [*overrides[: 1 + ("force" in first)], first, second])
-    assert f"--set {names[0]} and {names[1]} exclude each other" in str(error.value) or (
-        f"--set oscillator.restoring_force and {names[1]} exclude" in str(error.value)
+    assert f"overrides {names[0]} and {names[1]} exclude each other" in str(error.value) or (
+        f"overrides oscillator.restoring_force and {names[1]} exclude" in str(error.value)
     )

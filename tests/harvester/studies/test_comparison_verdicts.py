@@ -46,7 +46,8 @@ def test_disagreement_names_the_quantity():
 
 def test_what_is_significant_and_small_is_named_and_agrees():
     said, judged = texts(result(1.004, 1e-4), reference=result(error=1e-4))
-    assert "agree within 1%: the mean-square voltage differs by 0.40%" in said[0]
+    assert "agree within 1% in mean-square voltage, rms voltage, mean power, " in said[0]
+    assert ": the mean-square voltage differs by 0.40%" in said[0]
     assert judged[0].good
 
 
@@ -92,9 +93,7 @@ def test_the_paired_difference_and_a_refusal_are_told():
 def test_a_small_paired_difference_is_negligible_against_the_limit_in_the_one_verdict():
     paired = {"mean_square_voltage": Estimate(-0.0015, 1e-6, None, "1")}
     said, judged = texts(result(), paired=paired, reference=result())
-    assert (
-        "agree within 1%: on the same noise the mean-square voltage differs by -0.1500" in said[0]
-    )
+    assert ": on the same noise the mean-square voltage differs by -0.1500" in said[0]
     assert "negligible against that limit" in said[0]
     assert judged[0].good
     assert sum("differs" in each for each in said) == 1
@@ -117,5 +116,6 @@ def test_engines_whose_difference_is_not_sharp_do_not_check_each_other():
     paired = {"mean_power": Estimate(0.0, 0.02, None, "1")}
     said, judged = texts(result(error=0.75), reference=result(error=0.75), paired=paired)
     assert "on the same noise the mean power differs most" in said[0]
+    assert "standard errors of mean power; on" in said[0]
     assert "not checked, as known no better than ± 10%: mean-square voltage" in said[0]
     assert judged[0].good

@@ -81,6 +81,9 @@ def test_differences_on_common_noise_are_paired():
     # Of 64 samples each, 0.01·√2·1.1/8 = 0.002, not the 0.05 of independent ones; 4 of them: 6e-5.
     assert difference.standard_error == pytest.approx(0.002, rel=0.35)
     assert abs(difference.estimate - 0.1) < 4.0 * difference.standard_error
+    assert difference.differs
+    # Without errors round-off alone is no lead.
+    assert not rank({"a": 1.0 + 1e-12, "b": 1.0}, {"a": None, "b": None})[1][0].differs
 
 
 def test_the_error_of_a_sum_knows_what_unequal_series_share():

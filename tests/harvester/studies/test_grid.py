@@ -29,7 +29,10 @@ def test_several_sweeps_make_a_grid(device):
 @pytest.mark.parametrize("key", [RESISTANCE, "load.resistance"])
 def test_either_name_means_the_loads_resistor(device, key):
     own = make_grid(device, [], {key: [2e5]}).points[0].scene
-    netlist = make_grid(device, ["bridge"], {key: [2e5]}).points[0].scene
+    grid = make_grid(device, ["bridge"], {key: [2e5]})
+    mapped = "load.resistance sets load.parameters.resistance of bridge"
+    assert (mapped in grid.notes) == (key != RESISTANCE)
+    netlist = grid.points[0].scene
     assert own.load.resistance == 2e5
     assert netlist.load.parameters["resistance"] == 2e5
 

@@ -153,10 +153,12 @@ def test_a_specification_keeps_the_power_of_a_device(points):
 def test_too_few_breakpoints_are_told_with_the_device_that_loses_most():
     found = harvester.spectrum(shaken(PEAK), breakpoints=4)
     frequency, share = found.departure
-    kept = power(found.profile.tolist(), frequency, 100.0)
-    assert kept / power(PEAK, frequency, 100.0) - 1.0 == pytest.approx(share, abs=0.02)
+    centre, width, _ = found.device_band()
+    assert found.quality == pytest.approx(centre / width)
+    kept = power(found.profile.tolist(), frequency, found.quality)
+    assert kept / power(PEAK, frequency, found.quality) - 1.0 == pytest.approx(share, abs=0.02)
     (line,) = [line for line in found.sentences() if "take more" in line]
-    assert f"Q = 100 changes most at {frequency:.4g} Hz, by {share:+.1%}" in line
+    assert f"Q = {found.quality:.3g} changes most at {frequency:.4g} Hz, by {share:+.1%}" in line
 
 
 def test_a_specification_of_known_noise_has_its_density_however_short_the_path():
@@ -258,7 +260,7 @@ def test_an_hour_has_the_density_of_a_drawn_profile(seed):
     ("options", "words"),
     [
         ({"unit": "furlong"}, "excitation.unit = 'furlong': must be one of"),
-        ({"sampling_rate": -5.0}, "excitation.sampling_rate = -5.0: must be a number > 0"),
+        ({"sampling_rate": -5.0}, "sampling_rate -5.0: must be a number of hertz > 0"),
         ({"mend": ["uneven times"]}, "excitation.mend"),
     ],
 )

@@ -100,6 +100,15 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     # The same resistor twice.
     assert difference.standard_error < 1e-5
     assert abs(difference.estimate) < 1e-5
+    # Only a significant lead ranks: a tenth at ten standard errors, not at two.
+    for error, sign in ((0.01, ">"), (0.05, "=")):
+        lead = replace(difference, estimate=0.1, standard_error=error)
+        vars(study)["rankings"] = {(): ([lead.better, lead.worse], [lead])}
+        ranking, sentence = study.sentences()[:2]
+        assert ranking == f"ranking at the optima: {lead.better} {sign} {lead.worse}"
+        assert sentence.endswith("no significant difference") == (sign == "=")
+        equal = f", not significantly more than from {lead.worse}"
+        assert study.view().headline.endswith(equal) == (sign == "=")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
 
@@ -398,12 +407,14 @@ def test_a_cross_check_that_failed_or_is_not_sharp_is_not_checked(study):
     proofs = [
         Proof(4, True, 0.0, 0.75, early_difference=7e-16, early_standard_error=300.0),
         Proof(2, False, trouble="the circuit stopped"),
+        Proof(3, False, math.nan, math.nan, 0.0, 0.0038, trouble="the circuit stopped"),
     ]
     assert not any(proof.checks or proof.disagrees for proof in proofs)
     head, *lines = replace(study, proofs=proofs)._proofs()
-    assert head.endswith("not checked at 2")
+    assert head.endswith("not checked at 3")
     assert lines[0].endswith("0.5 (optimum): not checked (known no better than ± 10%)")
-    assert lines[1].endswith("not checked (the circuit stopped)")
+    assert lines[1].endswith(": not checked (the circuit stopped)")
+    assert "(0.0 σ) in the first 6 periods; settled part not checked (the circuit" in lines[2]
 
 
 FED = (
