@@ -120,13 +120,13 @@ def test_behind_a_rectifier_steps_cost_the_mean_no_more_than_is_said(netlist):
         "run.duration": 3.0,
         "run.realizations": 32,
     }
-    scene = Scene.read("cantilever").replace(changes)
+    prepared_scene = prepared(Scene.read("cantilever").replace(changes))
     powers = {}
     for step in ("default", "fine"):
         engine = harvester.MonteCarlo(step=step)
-        runs = run(scene, engine, list(range(32)), None, lambda share: None)
-        powers[step] = np.array([power_series([each.moments], 1.0).mean() for each in runs])
+        runs = run(prepared_scene, engine, list(range(32)), None, lambda share: None)
+        powers[step] = np.array([power_series([part.moments], 1.0).mean() for part in runs])
     change, mean = powers["default"] - powers["fine"], powers["fine"].mean()
-    allowed = step_error(prepared(scene), engine="monte-carlo") * mean
+    allowed = step_error(prepared_scene, engine="monte-carlo") * mean
     assert abs(change.mean()) < allowed + 4.0 * change.std(ddof=1) / math.sqrt(32)
     assert change.std() < 0.05 * powers["fine"].std()
