@@ -37,7 +37,7 @@ _HEAD = """\
 //     v0^2 = X'^2 + 2 max(U(X) - U(gap), 0) + 2 K d^(n+1)/(n+1),   U the energy of F
 //
 // v0 is the speed at the start of the contact, read from the state; |X'|/v0 <= 1 always. Numbers
-// refer to the source paper.
+// are those of the source paper.
 //
 // X, the displacement in scaled units, is a voltage, and so is X'/rate: with rate the device's own
 // angular frequency (rad/s) both are of order one. A current into `velocity` is an acceleration

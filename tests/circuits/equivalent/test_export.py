@@ -25,9 +25,10 @@ def plain_pool():
     Under control by the local error two releases take other steps.
     """
     own = next(name for name in candidates() if "ngspice-osdi" not in name and loads(name))
-    with pytest.MonkeyPatch.context() as patch, WorkerPool(workers=2) as running:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NGSPICE_LIBRARY_PATH", own)
-        yield running
+        with WorkerPool(workers=2) as running:
+            yield running
 
 
 def loads(name):

@@ -100,7 +100,7 @@ def test_a_load_study():
     largest_power = max(each.power for each in study.evaluations)
     assert drawn(draw_power(study), "output power") == pytest.approx(largest_power)
     share = largest(study.evaluations, EFFICIENCIES[1])
-    assert drawn(draw_efficiency(study), "power harvested") == pytest.approx(share)
+    assert drawn(draw_efficiency(study), "(output + store)/input") == pytest.approx(share)
     [best] = [study.best((0,))]
     voltage = np.abs(best.waveform[Record._fields.index("voltage")]).max()
     assert drawn(draw_waveforms(study), "voltage") == pytest.approx(voltage)

@@ -389,15 +389,14 @@ def test_the_place_without_noise_is_known_as_well_as_its_steps(
 
 @pytest.mark.slow
 def test_an_open_runner_reports_each_task_of_an_optimum(pool):
-    """As the command line calls it: with a runner and a progress of its own."""
+    """As the command line calls it: with a runner that has a progress."""
     shares = []
-    with open_runner(executor=pool) as runner:
+    with open_runner(executor=pool, progress=lambda share, _: shares.append(share)) as runner:
         optimum(
             LINEAR.replace({"run.duration": 300.0}),
             {"load.decay_rate": (0.1, 10.0), "piezo.coupling": (0.5, 1.0)},
             evaluations=24,
             runner=runner,
-            progress=lambda share, words: shares.append(share),
         )
     assert shares == sorted(shares)
     assert len({*shares}) > 20
