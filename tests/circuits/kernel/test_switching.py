@@ -154,6 +154,8 @@ def sixty_switches(folder):
     return Scene.read("device", [f"load.netlist={path}", sine, *run])
 
 
+# The next test shows the same in `make test`, by what a load does.
+@pytest.mark.exhaustive
 def test_each_state_of_sixty_switches_has_factors_of_its_own(tmp_path):
     """A float64 holds 53 states only: the last switches shared the factors of a wrong state."""
     find = compiled(lambda tables, state, delta: slot_of(tables, state, delta))
