@@ -48,10 +48,10 @@ types: $(STAMP)
 compare: $(STAMP)
 	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -m maintenance.compare $(BASE) --only "$(ONLY)"
 
-# Both checkouts do the same tasks by turns, RUNS times (9 unless given); ONLY as above.
+# Both checkouts do the same tasks by turns, COUNT times (9 unless given); ONLY as above.
 bench: $(STAMP)
 	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -P -m maintenance.bench $(BASE) --only "$(ONLY)" \
-		--runs $(or $(RUNS),9)
+		--runs $(or $(COUNT),9)
 
 # COUNT random cases of every command against independent truths (44 unless given); ONLY=17,23
 # repeats cases of this SEED, ONLY=words takes those with these words, such as basins,bistable.
