@@ -19,11 +19,10 @@ from pathlib import Path
 import numpy as np
 from maintenance import identified
 from maintenance.compare import ONE_THREAD, ROOT, _unpacked
-from measured_records import band_noise, measured
 
 from harvester.scene.text import scene_text
 
-RATE, SECONDS, RECORDS = 1000.0, 30.0, 3
+SAMPLES, RECORDS = 30_000, 3
 GAP = "stoppers.gap=normal:2%"
 SINE = 'excitation={kind="sine", amplitude=6.0, frequency=8.0}'
 RESISTANCE = "load.resistance=1e4:1e7"
@@ -47,8 +46,8 @@ TASKS = {
         word for number in range(RECORDS) for word in ("--record", f"record-{number}.csv"))),
     "report": ("simulate", "paper", "--method", "monte-carlo", "--report", "page.html"),
 }  # fmt: skip
-# Part of the wall time → texts of which one is in "file:function" of a frame; the innermost frame
-# with one decides.
+# Part of the time → texts, one of which is in the "file:function" of its frames. The innermost
+# frame with such a text decides.
 PARTS = {
     "import": ("<frozen importlib", "<frozen runpy"),
     "compile": ("/numba/", "/llvmlite/"),
@@ -62,8 +61,6 @@ PARTS = {
     "wait": ("threading.py", "subprocess.py", "worker_main.py", "selectors.py", "worker_pool.py",
              "runner.py:_collect"),
 }  # fmt: skip
-# What the tasks write, and would continue.
-WRITTEN = ("validated", "page.html")
 # Samples of the main thread, also in workers: lines of end, length, CPU seconds and part.
 SAMPLER = """
 import sys, threading, time, _thread
@@ -103,8 +100,8 @@ def measure(
     begin = f"{SAMPLER}\nbegin({str(samples)!r}, {PARTS!r}, time.monotonic())\n"
     script = f"START = {begin!r}\nexec(START)\n{COMMAND}"
     own = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(checkout), "NUMBA_CACHE_DIR": str(cache)}
-    for name in WRITTEN:
-        shutil.rmtree(folder / name, ignore_errors=True)
+    # A run in the folder of an earlier one would take its answers.
+    shutil.rmtree(folder / "validated", ignore_errors=True)
     start = time.monotonic()
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     process = subprocess.Popen(
@@ -135,7 +132,7 @@ def _of_wall(logs, wall):
     ]
     parts = _sums((part, length) for _, length, part in command)
     waits = np.array([(end - length, end) for end, length, part in command if part == "wait"])
-    # Of the command's waiting each part has its share of what the workers did meanwhile.
+    # While the command waits, its time is divided among the parts as the workers' time is.
     meanwhile = _sums(
         (part, np.diff(np.clip(waits, end - length, end)).sum())
         for worker in workers
@@ -146,7 +143,7 @@ def _of_wall(logs, wall):
         busy = parts.pop("wait") / sum(meanwhile.values())
         for part, seconds in meanwhile.items():
             parts[part] += busy * seconds
-    # Before the first sample Python starts.
+    # The time before the first sample is the start of Python.
     parts["import"] += max(wall - sum(parts.values()), 0.0)
     return parts
 
@@ -156,13 +153,9 @@ def write_records(folder: Path) -> None:
     (folder / "piezo.toml").write_text(
         scene_text(identified._device("piezo", identified.OFF), {}, [])
     )
-    times = np.arange(int(RATE * SECONDS)) / RATE
     for number in range(RECORDS):
-        rng = np.random.default_rng(number)
-        base = band_noise(rng, times.size, RATE, 4.0, 60.0, 12.0)
-        voltage = measured(identified._device("piezo"), base, RATE, rng).voltage
-        header = "time [s],acceleration [m/s^2],voltage [V]"
-        identified._write(folder / f"record-{number}.csv", header, times, base, voltage)
+        file = folder / f"record-{number}.csv"
+        identified._write_record(file, identified._device("piezo"), SAMPLES, number)
 
 
 def main() -> int:

@@ -53,11 +53,11 @@ def _device(name, share=1.0):
     return scene_of(MASS, DAMPING * share, force, {table: values}, load, stoppers)
 
 
-def _write_record(file, scene):
-    rng = np.random.default_rng(3)
-    base = band_noise(rng, SAMPLES, RATE, 4.0, 60.0, 12.0)
+def _write_record(file, scene, samples=SAMPLES, seed=3):
+    rng = np.random.default_rng(seed)
+    base = band_noise(rng, samples, RATE, 4.0, 60.0, 12.0)
     found = measured(scene, base, RATE, rng)
-    times = np.arange(SAMPLES) / RATE
+    times = np.arange(samples) / RATE
     _write(file, "time [s],acceleration [m/s^2],voltage [V]", times, base, found.voltage)
 
 
