@@ -176,9 +176,9 @@ def _together(scene: Scene, engine: str) -> int:
 def calls_of(
     scene: Scene, engine: Engine, starts: np.ndarray, periods: int, kept: int
 ) -> list[dict[str, Any]]:
-    """Arguments of `follow`, as many starts in each as one call takes."""
+    """Arguments of `follow` but for the scene, as many starts in each as one call takes."""
     size = _together(scene, engine.name)
-    arguments = {"scene": scene, **engine.as_arguments("engine"), "periods": periods, "kept": kept}
+    arguments = {**engine.as_arguments("engine"), "periods": periods, "kept": kept}
     return [
         {**arguments, "starts": starts[first : first + size].tolist()}
         for first in range(0, len(starts), size)

@@ -279,9 +279,7 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     finer = forced(scene, "a Lyapunov exponent")
     begin, scale = neighbours(finer.scene, samples, starts, members)
     calls = calls_of(finer.scene, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)
-    for call in calls:
-        call["prepared_scene"] = finer
-        del call["scene"]
+    calls = [{"prepared_scene": finer, **call} for call in calls]
     most = max(len(call["starts"]) for call in calls)
     samples_of_calls = pool.map(follow, calls, most * time_limit, None, True)
     if any(isinstance(sample, SimulationError) for sample in samples_of_calls):

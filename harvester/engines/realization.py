@@ -17,7 +17,7 @@ from harvester.device.record import Record
 from harvester.engines.methods import Engine, MonteCarlo
 from harvester.engines.retries import run_converged
 from harvester.excitation.sum import common_period
-from harvester.scene.paths import noise_path, several_starts, start_state
+from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, step_error, steps_per_sample, stop_time
 from harvester.statistics.batch_means import KNOTS_PER_HISTOGRAM_SAMPLE, batch_counts
@@ -186,7 +186,7 @@ def run(
     report: Callable,
     joint_density: bool = False,
     stretch: WaveformWindow | None = None,
-    stroboscope: bool | None = False,
+    stroboscope: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
@@ -199,11 +199,9 @@ def run(
     report : callable
         Called with the list of moments so far.
     joint_density, stroboscope : bool
-        See `harvester.simulate`; of the stroboscope None: where starts may reach several motions.
+        See `harvester.simulate`.
     """
     scene = prepared_scene.scene
-    if stroboscope is None:
-        stroboscope = several_starts(prepared_scene)
     perturbations = _perturbations(prepared_scene, engine)
     together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
     idle = perturbations if together else ()

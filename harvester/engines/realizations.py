@@ -74,7 +74,7 @@ def realizations(
         indices,
         window,
         report,
-        stroboscope=None,
+        stroboscope=several_starts(prepared_scene),
     )
     moments = [solution.moments for solution in solutions]
     samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]

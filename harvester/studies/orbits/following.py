@@ -204,7 +204,10 @@ def _pieces(scene, engine, version, starts, periods, kept):
     calls = calls_of(scene, engine, starts, periods, kept)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
-        [Task(follow, arguments, version, label, len(arguments["starts"])) for arguments in calls]
+        [
+            Task(follow, {"scene": scene, **call}, version, label, len(call["starts"]))
+            for call in calls
+        ]
     )
     pieces = []
     for answer, call in zip(answers, calls, strict=True):
