@@ -16,6 +16,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
+from harvester.base.arguments import unknown
 from harvester.base.errors import SceneError
 from harvester.base.numbers import NotANumber, is_real, number, on_quotes
 from harvester.base.plain_text import named, nearest, shown
@@ -189,8 +190,10 @@ class TableType(ABCMeta):
                 raise SceneError(f"{cls.__name__}(…): {error}; {READ_OR_BUILD}") from None
 
         def __getattr__(cls, name):
-            hint = nearest(name, [key for key in dir(cls) if key[0] != "_"])
-            raise AttributeError(f"{cls.__name__} has no {name}{hint}; {READ_OR_BUILD}")
+            # Python looks for special names such as __post_init__ itself; a hint would cost time.
+            known = () if name[:2] == "__" else [key for key in dir(cls) if key[0] != "_"]
+            message = f"{cls.__name__} has no {name}{nearest(name, known)}; {READ_OR_BUILD}"
+            raise AttributeError(message)
 
 
 class Table(metaclass=TableType):
@@ -216,9 +219,10 @@ class Table(metaclass=TableType):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
+            if name[:2] == "__":
+                raise AttributeError(name)
             names = type(self).__dataclass_fields__
-            hint = nearest(name, names) or f"; there are {', '.join(names)}"
-            raise AttributeError(f"{type(self).__name__}: no {name}{hint}")
+            raise unknown(f"{type(self).__name__}: no", name, names, AttributeError)
 
 
 @dataclass_transform(frozen_default=True)
