@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from harvester.averaging.method import Stationary
+from harvester.base.arguments import check_name
 from harvester.base.errors import EnergyNotBalanced, HarvesterError
-from harvester.base.plain_text import nearest
 from harvester.base.serialising import plain
 from harvester.engines.methods import method_of
 from harvester.engines.orbits import followed
@@ -416,10 +416,7 @@ def _reached(request, scene, system, scaled):
     scaled = with_roots(scaled)
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
-        raise HarvesterError(
-            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are "
-            f"{', '.join(scaled)}"
-        )
+        check_name("quantity", unknown[0], scaled)
     reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
     square = scaled["mean_square_voltage"].estimate
     unseen = unseen_jump(system, square, scene.run.duration * scene.run.realizations)
