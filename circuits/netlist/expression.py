@@ -289,7 +289,7 @@ def _solution(text):
 
 
 def solutions(text: str) -> list[tuple[str, list[str]]]:
-    """("v" or "i", names) of each voltage and current that a text asks for, names as they stand."""
+    """("v" or "i", names) of each voltage and current in a text, as it spells the names."""
     return [
         (kind.lower(), [name.strip() for name in inside.split(",")])
         for kind, inside in _SOLUTION.findall(text)
@@ -297,7 +297,7 @@ def solutions(text: str) -> list[tuple[str, list[str]]]:
 
 
 def respelt(text: str, spell: Callable[[str, list[str]], str]) -> str:
-    """A text with its voltages and currents as `spell(kind, names)` gives them; "": unchanged."""
+    """Replace each voltage and current of a text by `spell(kind, names)`, unless that is empty."""
     return _SOLUTION.sub(lambda found: spell(*solutions(found[0])[0]) or found[0], text)
 
 

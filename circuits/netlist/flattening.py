@@ -75,7 +75,7 @@ class _ScopedLine:
         return {key: self.scope.value(text) for key, text in self.line.named.items()}
 
     def model(self) -> Model | None:
-        """The element's model as it counts here, named by where it is defined; None without one."""
+        """The element's model with numbers, by the path of its definition; None without a model."""
         if not self.line.models:
             return None
         name = self.line.models[0]

@@ -26,7 +26,7 @@ class Operation(NamedTuple):
 
     Attributes
     ----------
-    ngspice, ltspice : how each program writes it.
+    ngspice, ltspice : its form in each program.
     value : Python expression of its arguments a and b; nan outside its range.
     slopes : its slopes in a and b, which may use its value `result`; a jump counts as slope 0.
     """
@@ -122,7 +122,7 @@ def divisor(b: float) -> float:
 
 
 def _function(name: str, arguments: str, results: list[str]) -> Callable[..., Any]:
-    """A function of an operation's code that returns the expression of this code."""
+    """A function that evaluates the expression with the number `code`."""
     *first, last = results
     lines = [f"    if code == {code}:\n        return {text}" for code, text in enumerate(first)]
     lines.append(f"    return {last}")
@@ -132,7 +132,7 @@ def _function(name: str, arguments: str, results: list[str]) -> Callable[..., An
 
 
 _OPERATIONS = OPERATIONS.values()
-# value(code, a, b), and slope(code, a, b, result) in both arguments.
+# value(code, a, b), and slope(code, a, b, result): the slopes in a and b.
 value = _function("value", "a, b", [operation.value for operation in _OPERATIONS])
 slope = _function("slope", "a, b, result", [", ".join(o.slopes) for o in _OPERATIONS])
 

@@ -93,15 +93,15 @@ class Line:
 
     Attributes
     ----------
-    words : those behind name and nodes, as the file is written out again.
-    values : of R, C, L in their order, of K and a controlled source its only one, of Q and J those
-        behind the model; `bare` are those of R, C, L without a key.
+    words : all words after name and nodes, as they are written to a netlist.
+    values : of R, C, L in their order, `bare` those without a key; the gain of a controlled source
+        or K; of Q and J the values after the model; of a source its constants.
     controls : sources or coils that control it.
-    models : of R, C, L all that it names.
+    models : names of its models; only R, C and L may have several, which is refused later.
     named : name=value settings.
     flags : "on" or "off".
-    waves : kind and numbers of each waveform of a source; its `values` are constants.
-    expression : of a B, or of E and G with value=; `voltage` if it sets one.
+    waves : kind and numbers of each waveform of a source.
+    expression : of a B, or of E and G with value=; `voltage` : whether the element sets a voltage.
     calls : sub-circuit of an X.
     """
 
@@ -409,7 +409,7 @@ def _model(line, rest, scope):
 def _source(line, rest, scope):
     """Constants and plain waveforms with their numbers; those of ac have no effect."""
     card = line.card
-    # Numbers are those of a waveform, of "dc", of "ac" (two), or a constant.
+    # A number belongs to the waveform, "dc" or "ac" (two numbers) before it, or is a constant.
     place, skipped = line.values, 0
     tokens = _SOURCE_WORD.findall(" ".join(rest))
     after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))

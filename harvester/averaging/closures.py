@@ -34,7 +34,7 @@ class StationaryMethod(NamedTuple):
 
 
 def notes_on_errors(methods: Iterable[str]) -> list[str]:
-    """What ± means for closures; empty if none of these methods is one."""
+    """Note on the meaning of ± for closures; empty if none of these methods is a closure."""
     names = [name for name in dict.fromkeys(methods) if name.partition(" (")[0] in CLOSURES]
     meaning = "± is the numerical error alone, without that of the approximation"
     return [f"{', '.join(names)}: {meaning}"] if names else []
@@ -89,7 +89,7 @@ def average(
 
 
 def _by(function: str, *arguments: Any) -> Averages:
-    """Call a function of this room; studies look closures up here without importing their work."""
+    """Call a function of `harvester.averaging`, whose module is imported at the first call."""
     averaged: Averages = pkgutil.resolve_name(f"harvester.averaging.{function}")(*arguments)
     return averaged
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Longest list taken from an iterator, which may have no end.
 MOST_VALUES = 100_000
-# From this whole number on the last of three values may be meant for a number of points.
+# Smallest last one of three values that may be meant as the number of points of a range.
 FEWEST_POINTS = 3
 # Most names listed in a message.
 MOST_NAMED = 60
@@ -39,8 +39,8 @@ def usual_arithmetic() -> np.errstate:
 def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    `example`: how it is written; `kind`: class of all values. Raises HarvesterError for a text, for
-    what is no list, for a value of another kind, and for a list without an end.
+    `example`: a valid list, for messages; `kind`: class of all values. Raises HarvesterError for a
+    text or another object that is no list, a value of another kind, and a list without an end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
@@ -52,7 +52,7 @@ def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[
         raise HarvesterError(f"{where}: {shown(wrong[0])}: is no {kind.__name__}; write {example}")
     if len(items) == 3 and all(map(is_real, items)) and is_whole(items[2], FEWEST_POINTS):
         low, high, count = items
-        # A tuple of whole numbers, or one whole number behind others, may be meant for a range.
+        # A tuple of whole numbers, or a whole number after two others, may be meant as a range.
         mixed = isinstance(values, tuple) or not all(is_whole(item, item) for item in items)
         if mixed and not math.isclose(high - low, count - high):
             read = f"{low:g}, {high:g}, {count}"
@@ -85,7 +85,7 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
 
 
 def unknown(text: str, name: object, known: Iterable[Any], kind: type = HarvesterError) -> Any:
-    """The error about a name that is not known: the nearest one, and all that there are."""
+    """An error about an unknown name, with the nearest valid name and a list of all."""
     names = [str(item) for item in itertools.islice(known, MOST_NAMED + 1)]
     listed_names = ", ".join([*names[:MOST_NAMED], *["…"] * (len(names) > MOST_NAMED)]) or "none"
     return kind(f"{text} {named(name)}{nearest(name, names)}; there are {listed_names}")
@@ -99,7 +99,7 @@ def check_known(function: str, options: Iterable[str], known: Collection[str]) -
 
 
 class Named(dict):
-    """Values by their names; an unknown name raises UnknownQuantity with those that there are.
+    """Values by their names; an unknown name raises UnknownQuantity with a list of all.
 
     `where`: beginning of the message, such as "paper: no density of".
     """

@@ -31,20 +31,20 @@ from typing import Any
 
 from harvester.base.memory import load_libraries_early
 
-# What waits for numba; None once it is imported.
+# Registrations that wait for the import of numba; None after it.
 _waiting: list[Callable[[], object]] | None = []
 _importing = threading.RLock()
 
 
 def __getattr__(name: str) -> Any:
-    """What numba has of this name, see `harvester.base.numba_patches`."""
+    """An object of numba by its name, see `harvester.base.numba_patches`."""
     if name.startswith("__"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(_numba(), name)
 
 
 def _numba():
-    """The module with numba's parts; what has waited for numba is done at its first import."""
+    """The module with numba's parts; its first import runs the registrations that wait for it."""
     global _waiting
     from harvester.base import numba_patches
 
@@ -65,7 +65,7 @@ def _with_numba(register):
 
 
 class Deferred:
-    """A function for numba to compile, which is imported at the first use of any attribute."""
+    """A function that numba compiles; numba is imported when any attribute is first used."""
 
     def __init__(self, function: Callable, options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
@@ -122,7 +122,7 @@ def overload(function: Callable, **options: Any) -> Callable:
 
 
 def register_jitable(function: Callable) -> Callable:
-    """Let compiled code call a function, which Python calls as it stands."""
+    """Let compiled code call a function, which Python calls unchanged."""
     _with_numba(lambda: _numba().extending.register_jitable(**WITHIN)(function))
     return function
 

@@ -27,7 +27,7 @@ LIMITS = {
 
 
 def load_libraries_early() -> bool:
-    """If memory is limited, import what is imported later; whether it is.
+    """If memory is limited, import the libraries of later calls now; return whether it is limited.
 
     Raises MemoryError where it will not fit.
     """

@@ -153,8 +153,8 @@ def is_foreign(kind: Any) -> bool:
 def sources(modules: Iterable[str]) -> dict[str, str]:
     """Digests of all files that code of these modules is compiled from, by names of modules.
 
-    These are the modules and what they import at their head, and so on. What a function imports as
-    it runs is not compiled.
+    These are the modules and, recursively, the modules that they import at their head. Imports
+    within functions are not compiled.
     """
     reached: dict[str, str] = {}
     left = [*modules]

@@ -3,19 +3,19 @@
 It is imported here and nowhere else: when it is imported and whenever it compiles, it reads a file
 `.numba_config.yaml` of the working folder, which may name a folder of code.
 
-Each change was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what
-it replaces there stays as it was: `tests/harvester/base/test_numba_patches.py` compares that with
-`REPLACED` and fails where numba has changed it. Then read the new source, see that the patch
-still does as documented, and write the new digest here.
+Each change was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as the
+replaced source is the same: `tests/harvester/base/test_numba_patches.py` compares its digest with
+`REPLACED` and fails if numba has changed it. Then read the new source, check that the patch still
+does as documented, and write the new digest here.
 
 ==================================  ==============================================================
 what                                why
 ==================================  ==============================================================
-`keep_own_index`                    a cache with another program's classes stops numba where they
-                                    are gone, and a damaged file may end the process
-`name_by_sources`                   numba looks at the file of the function alone, not at what the
-                                    function calls elsewhere
-`load_alone`                        code that is in the cache needs none of what compiling needs
+`keep_own_index`                    numba fails on a cache with classes of a program that has been
+                                    removed, and a damaged file may end the process
+`name_by_sources`                   numba compares the function's own file alone, not the files of
+                                    the functions that it calls
+`load_alone`                        numba fills tables that only compiling needs
 `wait_for_other_processes`          workers that begin together would all compile the same
 `read_no_settings_file`             a file of the working folder may name a folder of code
 `ziggurat`                          numba's copy of numpy's tables: the same normal numbers
@@ -133,10 +133,10 @@ def keep_own_index() -> None:
 
 
 def name_by_sources() -> None:
-    """Let cached code be taken only if all files that it is made of are as they were.
+    """Use cached code only if none of its source files has changed.
 
-    A changed force law would go on being compiled into an unchanged integrator. Code that is made
-    of other files stays valid.
+    Otherwise an unchanged integrator would keep the old force law. A change of a file leaves the
+    code of all other files valid.
     """
     name_alone = caching.Cache._index_key
 

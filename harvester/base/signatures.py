@@ -130,7 +130,7 @@ def _share(value: Any) -> bool:
     return is_real(value) and 0.0 < float(value) < 1.0
 
 
-# What a value must be by the type of its parameter, where the annotation says no more.
+# Description and test of valid values by their type, for annotations without a test.
 BY_TYPE: dict[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("True or False", lambda value: type(value).__name__ in ("bool", "bool_")),
     int: ("a whole number", lambda value: is_real(value) and isinstance(value, numbers.Integral)),
@@ -229,8 +229,7 @@ class RunnerOptions(TypedDict, total=False):
     workers: Count | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    # `open_runner` annotates these two by their types. They are in rooms above this one, so that it
-    # has Any.
+    # `open_runner` annotates these two by their types, which this package does not import.
     executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | Literal[False] | None

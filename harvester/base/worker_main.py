@@ -62,7 +62,7 @@ def main() -> None:
     _give_up = send
     numba_cache.on_damage = lambda path: send("damage", path)
     numba_cache.on_compilation = lambda change: send("compilation", change)
-    # What nearly every call needs is imported before the first one comes, which reports a failure.
+    # Nearly every call needs numba: import it before the first call, which reports a failure.
     with contextlib.suppress(Exception):
         _ = compilation.numba
     while True:

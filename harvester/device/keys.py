@@ -179,7 +179,7 @@ def word(text: str, words: Collection[str], **more: Any) -> Any:
 
 
 class TableType(ABCMeta):
-    """Class of tables: its messages name the two ways to a scene."""
+    """Metaclass of tables: errors on a class name the two functions that make a scene."""
 
     if not TYPE_CHECKING:
 

@@ -29,7 +29,7 @@ DEVICES = ("automatic", "behavioural", "compiled")
 class Engine(Method):
     """One way to simulate realizations of a scene, in a worker process.
 
-    `simulator` imports its module when it is called: what needs no SPICE loads none.
+    `simulator` imports its module when it is called, so that Monte Carlo loads no SPICE.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ def check_step(step: str | float) -> str | float:
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
-    """Refuse what is no option of any engine, whichever is named: the circuit has them all."""
+    """Refuse values that no engine accepts; `Circuit` has the options of all."""
     stated = {name: options.get(name) for name in ("step", "source", "device", "copies")}
     Circuit().with_options(stated)
 

@@ -5,7 +5,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
 
-# Largest share of a time budget that is shown as done: what runs at its end is still awaited.
+# Largest share of a spent time budget that is reported: tasks that run at its end are awaited.
 MOST_OF_BUDGET = 0.99
 
 
@@ -34,8 +34,8 @@ class Stages:
 class Progress:
     """Sum of finished and remaining work, in seconds of one core.
 
-    `report` is given the share done of one list of tasks, 0 … 1, never falling, and a few words. If
-    more of the time budget is spent than of the work done, it is given the budget's share.
+    `report` is called with the finished share of one list of tasks, 0 … 1, never falling, and a few
+    words. It is called with the spent share of the time budget if that is larger.
     """
 
     def __init__(self, report: Callable[[float, str], object]):

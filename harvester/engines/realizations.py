@@ -32,7 +32,7 @@ from harvester.statistics.output_moments import OutputMoments
 REALIZATIONS_TOGETHER = 8
 # Periods of small oscillations, and evenly spaced points, of a waveform.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
-# What the scene alone determines of stored moments, and of their jumps between wells.
+# Attributes of stored moments, and of their jumps between wells, that follow from the scene.
 TIMES = ("start", "batch_length", "free", "saddles", "sample_interval")
 WELLS = ("start", "batch_length", "saddles", "limits", "ends", "energies")
 # From this number of realizations on each has the fewest batches. The number of realizations is
@@ -266,7 +266,7 @@ def _fits(moments, template, rows, beam, density):
 
 
 def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
-    """Whether what was stored has the template's values, and the shapes of its finite sums."""
+    """Whether stored values are the template's; sums only need its shapes and finite values."""
     if stored is None or template is None:
         return stored is template
     values = {n: np.asarray(getattr(stored, n)) for n in (*same, *sums, *shaped)}
@@ -276,7 +276,7 @@ def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
 
 
 def _damage_fits(damage, batches, beam):
-    """Whether the stored damage is that of a beam with a line of Basquin, or of one without."""
+    """Whether there is a finite damage for each batch, or none if the beam has no fatigue line."""
     if damage is None or beam.fatigue_line is None:
         return damage is beam.fatigue_line
     return np.shape(damage) == (batches,) and (np.isfinite(damage) & (damage >= 0.0)).all()

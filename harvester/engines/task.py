@@ -39,8 +39,8 @@ class Task:
         reports a share of 0 … 1 or the moments of its realizations so far; returns
         values that `harvester.engines.codec` supports, and raises a HarvesterError if it fails.
     arguments
-        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these. The function
-        is given the scene `scene` as `prepared_scene`, prepared.
+        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these. The function's
+        parameter for `scene` is `prepared_scene`, since the worker prepares it.
     version
         Version of the computing program, besides this package.
     label

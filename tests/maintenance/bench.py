@@ -1,8 +1,8 @@
 """`make bench BASE=<commit>`: where a person waits, by task, now and at a commit.
 
-Both run each task by turns, with an empty cache of compiled code and with a filled one. A thread in
-every process looks at the main thread's stack every few milliseconds. Compiled code holds it up:
-the time until it looks again then belongs to the Python frame that called this code.
+Both versions run each task by turns, with an empty and with a filled cache of compiled code. In
+every process a thread samples the main thread's stack every 10 ms. While compiled code runs, no
+sample is taken; that time counts for the Python frame that called this code.
 """
 
 import argparse
