@@ -63,7 +63,7 @@ class Runner:
 
     @contextlib.contextmanager
     def in_stages(self) -> Iterator[Stages]:
-        """Within the block each list of tasks is one stage of the value, whose `begin` names it."""
+        """Yield `Stages`: within the block its `begin` names each list of tasks as one stage."""
         former = self._progress.report
         self._progress.report = stages = Stages(former)
         try:
