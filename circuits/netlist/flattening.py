@@ -118,7 +118,7 @@ def _varying(part, text, numbers):
     tree, letter = part.scope.tree(text), part.letter
     for key in numbers:
         if key != "m" and not (key == "ic" and letter != "r"):
-            part.refuse(f"{key}= beside an expression: put it into the expression")
+            part.refuse(f"{key}= next to an expression: put it into the expression")
     if letter == "r":
         letter, tree = "b", ("/", ("v", *part.nodes), tree)
     return part.made(letter=letter, expression=tree, numbers=tuple(numbers.items()))
@@ -132,7 +132,7 @@ def _with_model(part):
     """D, Q, J and M: further nodes, the model, values without a name, flags."""
     values, numbers = part.line.values, part.numbers()
     if len(values) > 1 or (values and "area" in numbers):
-        part.refuse(f"two values behind the model, {' '.join(values)[:40]}: write area=")
+        part.refuse(f"two values after the model, {' '.join(values)[:40]}: write area=")
     if values:
         numbers["area"] = part.scope.value(values[0])
     model = part.model()

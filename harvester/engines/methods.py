@@ -15,7 +15,7 @@ from harvester.base.method import Method
 from harvester.base.numbers import is_real, on_quotes
 from harvester.base.plain_text import named, nearest
 from harvester.base.registry import Registry
-from harvester.base.signatures import Share
+from harvester.base.signatures import Count, Share
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -139,7 +139,7 @@ class Circuit(Engine):
     scheme: str = "trapezoidal"
     source: str = "external"
     device: str = "automatic"
-    copies: int | None = None
+    copies: Count | None = None
     tolerance: Share | None = None
     gmin: float = 0.0
     cshunt: float = 0.0
@@ -150,10 +150,9 @@ class Circuit(Engine):
         super().__post_init__()
         check_name("source", self.source, SOURCES)
         check_name("device", self.device, DEVICES)
-        _check_number_of_copies(self.copies)
         for name in ("gmin", "cshunt", "ramp"):
             value = getattr(self, name)
-            if not (is_real(value) and 0.0 <= value < math.inf):
+            if value < 0.0:
                 raise HarvesterError(f"{name} {value}: must be a number ≥ 0")
 
     @property
@@ -275,11 +274,6 @@ def _check_options(options: Mapping[str, Any]) -> None:
     """Refuse values that no engine accepts; `Circuit` has the options of all."""
     stated = {name: options.get(name) for name in ("step", "source", "device", "copies")}
     Circuit().with_options(stated)
-
-
-def _check_number_of_copies(copies: int | None) -> None:
-    if copies is not None and not (is_real(copies) and isinstance(copies, int) and copies >= 1):
-        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
 
 
 def _no_copies(copies: int | None) -> HarvesterError:
