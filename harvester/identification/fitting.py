@@ -297,15 +297,7 @@ def fitted(
         if times and not warm:
             # The first model, whose mass may be wrong, may have preferred another interpolation.
             starts = [(path, start) for path in _interpolations(times) for _, start in starts]
-    for weighting in range(1 + WEIGHTINGS * bool(lines)):
-        if weighting:
-            # Fits are compared by the same noise: the residuals of the best one.
-            noise = shooting.reweighted(fit).noise
-            starts = [
-                (path, replace(one, noise=noise))
-                for path, one in fits
-                if one is fit or path != responses.interpolation
-            ]
+    for _ in range(1 + WEIGHTINGS * bool(lines)):
         fits = []
         for interpolation, start in starts:
             responses.interpolation = interpolation
@@ -318,6 +310,13 @@ def fitted(
                 "and begin nearer (--set)"
             )
         responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
+        # Fits are compared by the same noise: the residuals of the best one.
+        noise = shooting.reweighted(fit).noise
+        starts = [
+            (path, replace(other, noise=noise))
+            for path, other in fits
+            if other is fit or path != responses.interpolation
+        ]
     # The base's path between the samples is unknown: if another fits as well, the difference
     # between both fits is an error.
     others = [
