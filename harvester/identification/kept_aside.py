@@ -23,7 +23,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.device import contact, timescales
 from harvester.device.system import potential
-from harvester.identification.intervals import covariance, student_factor
+from harvester.identification.intervals import covariance
 from harvester.identification.response import COARSE_STEPS, FINE_STEPS, experiment
 from harvester.identification.search import (
     COARSE,
@@ -38,6 +38,7 @@ from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.validation_record import WholeRecord, prediction, root_mean_square
 from harvester.scene.units import load_resistance
 from harvester.statistics.attractors import repeats_in_noise
+from harvester.statistics.batch_means import student_factor
 from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
