@@ -271,13 +271,13 @@ class FromImpedance:
         last = len(responses.experiments) - 1
 
         def numbers_of(values):
-            system, _ = responses.at(last, values).known_device
+            trial = responses.at(last, values)
+            system, _ = trial.known_device
             square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
             rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)
             resonance = rate / (2.0 * math.pi)
             parallel, quality = resonance / math.sqrt(1.0 - share), rate / system.damper.damping
-            clamped = responses.at(last, values).capacitance
-            return np.array([resonance, parallel, clamped, share, quality])
+            return np.array([resonance, parallel, trial.capacitance, share, quality])
 
         slopes = approx_fprime(fitted.values, numbers_of, 1e-6 * np.abs(fitted.values))
         variances = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
