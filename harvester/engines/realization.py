@@ -20,7 +20,11 @@ from harvester.excitation.sum import common_period
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, step_error, steps_per_sample, stop_time
-from harvester.statistics.batch_means import KNOTS_PER_HISTOGRAM_SAMPLE, batch_counts
+from harvester.statistics.batch_means import (
+    KNOTS_PER_HISTOGRAM_SAMPLE,
+    batch_counts,
+    student_factor,
+)
 from harvester.statistics.joint import JointHistogram
 from harvester.statistics.joint import prepare as prepare_joint
 from harvester.statistics.jumps import Jumps
@@ -279,11 +283,8 @@ def _set_spread(moments, ensemble):
 def _spread(ensemble):
     """Relative standard error of the mean energies of an ensemble's first run.
 
-    The first run and the true path are both draws from the ensemble, hence √2. Student's quantile
-    for 95 % replaces the normal one.
+    The first run and the true path are both draws from the ensemble, hence √2.
     """
-    from scipy.special import stdtrit
-
     rows = slice(1, QUANTITIES.index("loss_power") + 1)
     sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
     if ensemble[0].has_output:
@@ -293,10 +294,8 @@ def _spread(ensemble):
         ]
         sums = np.column_stack([sums, squares])
     energies, deviation = np.abs(sums[0]), np.std(sums, axis=0, ddof=1)
-    quantile = math.sqrt(2.0) * float(stdtrit(len(ensemble) - 1, 0.975)) / 1.96
-    return quantile * float(
-        np.max(deviation[energies > 0.0] / energies[energies > 0.0], initial=0.0)
-    )
+    factor = math.sqrt(2.0) * student_factor(len(ensemble) - 1)
+    return factor * float(np.max(deviation[energies > 0.0] / energies[energies > 0.0], initial=0.0))
 
 
 def _refined(prepared_scene, engine, others):

@@ -34,7 +34,7 @@ RINGING_DOWN = 0.5
 def check_impedance_alone(
     determined: Sequence[str], aside: Sequence[Any], free: Sequence[str] | None
 ) -> None:
-    """Raise IdentificationError for what an impedance without a record neither fits nor predicts.
+    """Refuse keys to free, and records kept aside, if an impedance is the only measurement.
 
     Parameters
     ----------

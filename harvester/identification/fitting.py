@@ -294,18 +294,29 @@ def fitted(
     else:
         shooting = Shooting(responses, free, [np.zeros(3)] * len(parts))
         starts = _of_lines(shooting, first, scene, len(times), joint)
-    fits = []
-    for interpolation, start in starts:
-        responses.interpolation = interpolation
-        fit = shooting.minimized(start, LAST, FINE)
-        fits += [(interpolation, fit)] * bool(fit.grams)
-    if not fits:
-        raise IdentificationError(
-            f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
-            "units and signs, the load's resistance, that all are of the same device, and begin "
-            "nearer (--set)"
-        )
-    responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
+        if times and not warm:
+            # The first model, whose mass may be wrong, may have preferred another interpolation.
+            starts = [(path, start) for path in _interpolations(times) for _, start in starts]
+    for _ in range(1 + WEIGHTINGS * bool(lines)):
+        fits = []
+        for interpolation, start in starts:
+            responses.interpolation = interpolation
+            fit = shooting.minimized(start, LAST, FINE)
+            fits += [(interpolation, fit)] * bool(fit.grams)
+        if not fits:
+            raise IdentificationError(
+                f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
+                "columns' units and signs, the load's resistance, that all are of the same device, "
+                "and begin nearer (--set)"
+            )
+        responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
+        # Fits are compared by the same noise: the residuals of the best one.
+        noise = shooting.reweighted(fit).noise
+        starts = [
+            (path, replace(other, noise=noise))
+            for path, other in fits
+            if other is fit or path != responses.interpolation
+        ]
     # The base's path between the samples is unknown: if another fits as well, the difference
     # between both fits is an error.
     others = [
@@ -313,8 +324,6 @@ def fitted(
         for interpolation, other in fits
         if interpolation != responses.interpolation and _misfit(other) - _misfit(fit) < RULED_OUT
     ]
-    for _ in range(WEIGHTINGS if lines else 0):
-        fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
     covariance = sum((np.outer(d, d) for d in others), intervals.covariance(shooting, fit))
     records: list[Any] = []
     settled = None

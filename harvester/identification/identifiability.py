@@ -125,7 +125,7 @@ def undetermined(
     unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
 ) -> list[Undetermined]:
     """Directions of relative values in which the standard error is too large."""
-    # A value that may be 0 is determined if its error is small beside a change of order one.
+    # A value that may be 0 is determined if its error is small against a change of order one.
     keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
     relative = covariance / np.outer(units, units)
     spread, directions = np.linalg.eigh(relative)

@@ -20,7 +20,7 @@ from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import MASS
+from harvester.identification.unknowns import MASS, spring_key
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
 
@@ -240,7 +240,6 @@ def _check_width(frequency, circuit, mode, where):
 WRONG_UNIT = 100.0
 # The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
 SURE_OF_LOSS = 3.0
-SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
 
 
 @dataclass(frozen=True)
@@ -272,13 +271,13 @@ class FromImpedance:
         last = len(responses.experiments) - 1
 
         def numbers_of(values):
-            system, _ = responses.at(last, values).known_device
+            trial = responses.at(last, values)
+            system, _ = trial.known_device
             square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
             rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)
             resonance = rate / (2.0 * math.pi)
             parallel, quality = resonance / math.sqrt(1.0 - share), rate / system.damper.damping
-            clamped = responses.at(last, values).capacitance
-            return np.array([resonance, parallel, clamped, share, quality])
+            return np.array([resonance, parallel, trial.capacitance, share, quality])
 
         slopes = approx_fprime(fitted.values, numbers_of, 1e-6 * np.abs(fitted.values))
         variances = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
@@ -350,13 +349,13 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     _check_capacitance(scene, branch["capacitance"], measured.name)
     _check_width(measured.frequency[lines], circuit, mode, measured.name)
     leaks = branch["loss_tangent"] > SURE_OF_LOSS * circuit.loss_error
-    mass, spring_key = numbers(scene)[MASS][0], _spring_key(scene)
+    mass, linear_key = numbers(scene)[MASS][0], _linear_key(scene)
     rate, share = 2.0 * math.pi * branch["series_resonance"], branch["coupling_factor"]
     clamped, stiffness = branch["capacitance"], mass * rate**2
-    begun = numbers(scene)[spring_key][0]
+    begun = numbers(scene)[linear_key][0]
     values = {
         # Of a spring without constant and even terms this gives the stiffness at rest exactly.
-        spring_key: begun * stiffness / (mass * resting) if begun and resting > 0.0 else stiffness,
+        linear_key: begun * stiffness / (mass * resting) if begun and resting > 0.0 else stiffness,
         "oscillator.damping": mass * rate / branch["quality"],
         "piezo.coupling": rate * math.sqrt(mass * clamped * share / (1.0 - share)),
         "piezo.capacitance": clamped,
@@ -374,10 +373,10 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     return FromImpedance(circuit, mode, measured, scene, list(values))
 
 
-def _spring_key(scene):
-    for key in SPRING_KEYS:
-        if key in numbers(scene):
-            return key
+def _linear_key(scene):
+    key = spring_key(scene.oscillator, 1)
+    if key in numbers(scene):
+        return key
     raise IdentificationError(
         f"{scene.name}: an impedance determines the stiffness at rest, but this spring has no "
         "linear term: give it as restoring_force"

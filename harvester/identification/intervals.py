@@ -32,6 +32,7 @@ from harvester.identification.validation_record import (
     autocorrelations,
     drawn_base_noise,
 )
+from harvester.statistics.batch_means import student_factor
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
@@ -55,13 +56,6 @@ SURE_OF_SHARE = 2.0
 def interval(value: float, standard_error: float) -> tuple[float, float]:
     """95 % interval of a normal estimate."""
     return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
-
-
-def student_factor(freedom: int) -> float:
-    """Half of Student's 95 % interval over a normal one's, at these degrees of freedom."""
-    from scipy.stats import t
-
-    return float(t.ppf(0.975, freedom)) / HALF_INTERVAL
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.device import contact, timescales
 from harvester.device.system import potential
-from harvester.identification.intervals import covariance, student_factor
+from harvester.identification.intervals import covariance
 from harvester.identification.response import COARSE_STEPS, FINE_STEPS, experiment
 from harvester.identification.search import (
     COARSE,
@@ -38,6 +38,7 @@ from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.validation_record import WholeRecord, prediction, root_mean_square
 from harvester.scene.units import load_resistance
 from harvester.statistics.attractors import repeats_in_noise
+from harvester.statistics.batch_means import student_factor
 from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ CROSSING = 0.1
 # The base moves as a sine if this share of its power lies within that number of lines of the peak.
 SINE, SINE_LINES = 0.9, 3
 # A record belongs to the fitted device if its residuals in windows, beyond noise, are at most this
-# multiple of the worst fitted record's, or this share of its rms. Records of a
-# measured beam with another tilt of its base left 5 to 20 times as much.
+# multiple of the worst fitted record's, or this share of its rms. Records of a measured beam with
+# another tilt of its base left 5 to 20 times as much.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 # First values of a record's own, as shares of what counts as a change of order one, beside the
 # scene's: a constant force has one well or the other in its favour. Two minima are the same if no
@@ -291,11 +292,11 @@ def _likely(fitted, seed):
 
 
 def _model_error(records, missed):
-    """Relative standard error of the power that the fitted records show.
+    """Relative standard error of predicted powers, from the fitted records.
 
-    Of their runs from one start; and of quantities that follow from the motion in windows and are
-    not in the model, a share of the rms, so twice that share of the power. Of so few records the
-    interval is Student's.
+    It combines the errors of their runs' powers and the part of their residuals that follows from
+    the motion: a share of the rms counts twice in the power. Student's factor allows for the small
+    number of records.
     """
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
@@ -376,7 +377,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
 def _problem(fitted, measurement, draw, values=None):
     """The problem of one more record, the fitted values being as drawn.
 
-    Its own values are as given, or unknowns beside the windows' starts.
+    The record's own values are as given, or unknowns in addition to the windows' starts.
     """
     keys = list(measurement.own) if values is None else []
     known = dict(zip(fitted.keys, map(float, draw), strict=True))
@@ -395,7 +396,7 @@ def _problem(fitted, measurement, draw, values=None):
 def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
     """Problem and fit of a record's own values, and the values for each of the draws.
 
-    Of mirrored motions that fit about as well, that inside the visited displacements is taken.
+    If a mirrored motion fits about as well, the one inside the visited displacements is chosen.
     """
     problem = _problem(fitted, measurement, draws[0])
     fit = _followed(problem, noise, [inside], reach, enough)
@@ -415,8 +416,8 @@ def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
 def _followed(problem, noise, ranges, reach, enough):
     """The record followed in windows with displacements in the best of some ranges, or anywhere.
 
-    A range is taken if what is left of the first output is at most `enough`, a share of its
-    standard deviation, or if the mass may go anywhere within reach and this fits no better.
+    The best range is chosen if the first output's residual is at most `enough`, a share of its
+    standard deviation, or if a mass that may be anywhere within reach fits no better.
     """
     fits = [_in_windows(problem, noise, ends) for ends in ranges]
     best = min(fits, key=lambda fit: _cost(problem, fit, noise), default=None)

@@ -431,9 +431,8 @@ def _with_velocity_scale(responses, start):
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):
-        scale = responses.at(number, start.values).velocity_scale(path.v * responses.length)
-        if scale:
-            known = {**responses.at(number, start.values).known, VELOCITY_SCALE: abs(scale)}
-            values = np.array(list(known.values()))
-            return StartingPoint(values, start.motions)
+        trial = responses.at(number, start.values)
+        if scale := trial.velocity_scale(path.v * responses.length):
+            known = {**trial.known, VELOCITY_SCALE: abs(scale)}
+            return StartingPoint(np.array(list(known.values())), start.motions)
     return start

@@ -202,7 +202,7 @@ class Responses:
         edges: np.ndarray,
         starts: np.ndarray,
     ) -> np.ndarray:
-        """Part of one record's outputs, in time, that the noise of the base's sensor causes.
+        """Changes of one record's outputs that noise of the base's sensor causes.
 
         Parameters
         ----------
@@ -302,7 +302,7 @@ class Trial:
         return given * self.factors.get(key, 1.0)
 
     def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:
-        """States at samples, states behind each window, and the outputs: `Responses.states`."""
+        """States at samples, states after each window, and the outputs: `Responses.states`."""
         if self.device is None:
             return None, None, None
         system, scales = self.device

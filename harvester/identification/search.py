@@ -165,7 +165,7 @@ def in_short_windows(
     fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
-        First sample of each experiment, followed by the end of the last.
+        First sample of each experiment's stretch, and the sample after its last.
     reach : (float, float), optional
         Displacements between which the mass is searched; by default the range of the fitted motion.
     """

@@ -169,7 +169,7 @@ class ValidationRecord:
     def explained(self) -> Estimate:
         """Share of the first output's variance that the model explains, in windows.
 
-        Its error comes from means of blocks. A model without content explains 0 within it, or less.
+        Its error comes from means of blocks. It is 0 or less of a model that explains nothing.
         """
         return self._explained(self.measured[:, :1] - np.mean(self.measured[:, 0]), 1)
 
@@ -513,7 +513,7 @@ def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
 
 
 def _whiteness(residuals, per_period):
-    """Autocorrelation of residuals at a lag of one period, in samples."""
+    """Autocorrelation of residuals at all lags up to a period, which is given in samples."""
     from scipy.stats import chi2
 
     n = residuals.size

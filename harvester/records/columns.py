@@ -63,7 +63,7 @@ class MeasuredFile:
         content: bytes,
         expected: Sequence[str] = (),
         setting: Callable[[str, str], str] = setting_of,
-        behind: str = " behind the file",
+        behind: str = " after the file",
     ) -> None:
         self.where, self.setting, self._behind = named(file), setting, behind
         self._expected = expected

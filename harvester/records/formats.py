@@ -14,9 +14,9 @@ from harvester.base.registry import Registry
 from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
 from harvester.records.table import Format, Table
 
-# Formats by the ending of their files. Any other ending means a text, unless an
-# installed package has an entry point of its name. First bytes take precedence over the ending; the
-# first bytes of LabVIEW alone select its format, as some .lvm files have no headers.
+# Formats by the ending of their files. Any other ending means a text, unless an installed package
+# has an entry point of its name. First bytes take precedence over the ending; LabVIEW's first bytes
+# alone select its format, as some .lvm files have no headers.
 FORMATS: Registry[Format] = Registry(
     "harvester.record_formats",
     {

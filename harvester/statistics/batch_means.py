@@ -149,6 +149,13 @@ def duration_for_error(series: np.ndarray, duration: float, memory: float) -> fl
     return 2.0 * longest / len(series)
 
 
+def student_factor(freedom: int) -> float:
+    """Half of Student's 95 % interval over a normal one's, at these degrees of freedom."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975)) / 1.96
+
+
 def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
     """Error of a mean under a deterministic excitation, over whole periods of it.
 
@@ -177,10 +184,8 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
-        from scipy.special import stdtrit
-
-        # Student's quantile for 95 %: two or three batches rarely show how far they scatter.
-        few = float(stdtrit(mean.size - 1, 0.975)) / 1.96
+        # Two or three batches rarely show how far they scatter.
+        few = student_factor(mean.size - 1)
         scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)
     # Realizations that wander without a period scatter about each other by the same chance.
     return math.hypot(left, max(scatter, chance))

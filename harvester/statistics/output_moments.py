@@ -208,7 +208,7 @@ def _batch_of(before, after, start, batch_length, batches):
 
 @compiled
 def _spans(time, before, start, batch_length, batches):
-    """The measured intervals by their batches: the first, the end, and the batch.
+    """The measured intervals by their batches: the first, the one after the last, and the batch.
 
     An interval bears the number of the point at its end.
     """

@@ -122,8 +122,8 @@ def _state(store, levels, ends, matrix, times):
             missing, time = by_network, by_network / rate
         memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
-        # There is no time constant: assume that the store's remaining charge is as large as the run
-        # has changed it.
+        # There is no time constant: assume that the remaining change is as large as the change
+        # during the run.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
