@@ -16,6 +16,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
+from harvester.base.arguments import no_attribute
 from harvester.base.errors import SceneError
 from harvester.base.numbers import NotANumber, is_real, number, on_quotes
 from harvester.base.plain_text import named, nearest, shown
@@ -189,7 +190,9 @@ class TableType(ABCMeta):
                 raise SceneError(f"{cls.__name__}(…): {error}; {READ_OR_BUILD}") from None
 
         def __getattr__(cls, name):
-            hint = nearest(name, [key for key in dir(cls) if key[0] != "_"])
+            # The decorator of dataclasses looks for such names.
+            private = name.startswith("_")
+            hint = "" if private else nearest(name, [key for key in dir(cls) if key[0] != "_"])
             raise AttributeError(f"{cls.__name__} has no {name}{hint}; {READ_OR_BUILD}")
 
 
@@ -216,9 +219,7 @@ class Table(metaclass=TableType):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            names = type(self).__dataclass_fields__
-            hint = nearest(name, names) or f"; there are {', '.join(names)}"
-            raise AttributeError(f"{type(self).__name__}: no {name}{hint}")
+            raise no_attribute(f"{type(self).__name__}: no", name, self.__dataclass_fields__)
 
 
 @dataclass_transform(frozen_default=True)
