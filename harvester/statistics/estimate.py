@@ -95,7 +95,7 @@ class Estimate:
         return np.vectorize(self.__mul__, otypes=[object])(values[0])
 
     def _no_result(self, *others: Any) -> Any:
-        """Refuse what has no error bar: two estimates on the same noise are not independent."""
+        """Refuse operations without an error bar: estimates on the same noise are correlated."""
         raise self._refused(f" and {others[0]}" if others else "")
 
     def _refused(self, operation: str) -> HarvesterError:
