@@ -56,7 +56,7 @@ diagram = harvester.accuracy(scene)
 for row in diagram.rows:
     biases = ", ".join(f"{name} {bias.estimate:+.2%}" for name, bias in row.bias.items())
     print(
-        f"{row.method.family:34} step {row.method.step(scene):<8.3g} "
+        f"{row.method.family:34} step {diagram.longest_step(row.method):<8.3g} "
         f"{row.seconds_per_unit * 1e6:8.1f} µs per simulated second; "
         f"error of X {row.strong['displacement']:.1e}; bias: {biases}"
     )
@@ -75,12 +75,13 @@ rows = [row for row in diagram.rows if row.method.family == "external source, tr
 below = [row for row in rows if largest_bias(row) <= 0.01]
 default = next(row for row in rows if row.method.refinement == 1)
 if below:
-    chosen = max(below, key=lambda row: row.method.step(scene))
+    chosen = max(below, key=lambda row: diagram.longest_step(row.method))
+    step, default_step = (diagram.longest_step(row.method) for row in (chosen, default))
     price = chosen.seconds_per_unit / default.seconds_per_unit
     print(
         f"The longest circuit step whose biases are shown to be below 1 % is "
-        f"{chosen.method.step(scene):g} s; it costs {price:.1f} times the time of the default, "
-        f"{default.method.step(scene):g} s, whose largest bias is "
+        f"{step:g} s; it costs {price:.1f} times the time of the default, "
+        f"{default_step:g} s, whose largest bias is "
         f"{max(abs(bias.estimate) for bias in default.bias.values()):.2%}."
     )
 else:

@@ -91,6 +91,15 @@ def unknown(text: str, name: object, known: Iterable[Any], kind: type = Harveste
     return kind(f"{text} {named(name)}{nearest(name, names)}; there are {listed_names}")
 
 
+def no_attribute(text: str, name: str, known: Iterable[str]) -> AttributeError:
+    """The error about a missing attribute; `text`, `known`: see `unknown`.
+
+    Python, numpy and notebooks ask for names with an underscore, to which nothing is near.
+    """
+    private = name.startswith("_")
+    return AttributeError(name) if private else unknown(text, name, known, AttributeError)
+
+
 def check_known(function: str, options: Iterable[str], known: Collection[str]) -> None:
     """Refuse the first option that a function does not have, by UnknownOption."""
     for option in options:

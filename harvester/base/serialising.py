@@ -42,7 +42,7 @@ def fields_of(instance: Any) -> dict[str, Any]:
     `IN_JSON` of a class: further keys, with the names of their properties.
     """
     names = {f.metadata.get(_KEY, f.name): f.name for f in dataclasses.fields(instance)}
-    names |= getattr(instance, "IN_JSON", {})
+    names |= getattr(type(instance), "IN_JSON", {})
     return {
         name: plain(getattr(instance, field)) for name, field in names.items() if name is not None
     }

@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
-from harvester.base.arguments import unknown
+from harvester.base.arguments import no_attribute
 from harvester.base.errors import SceneError
 from harvester.base.numbers import NotANumber, is_real, number, on_quotes
 from harvester.base.plain_text import named, nearest, shown
@@ -190,10 +190,10 @@ class TableType(ABCMeta):
                 raise SceneError(f"{cls.__name__}(…): {error}; {READ_OR_BUILD}") from None
 
         def __getattr__(cls, name):
-            # Python looks for special names such as __post_init__ itself; a hint would cost time.
-            known = () if name[:2] == "__" else [key for key in dir(cls) if key[0] != "_"]
-            message = f"{cls.__name__} has no {name}{nearest(name, known)}; {READ_OR_BUILD}"
-            raise AttributeError(message)
+            # The decorator of dataclasses looks for such names.
+            private = name.startswith("_")
+            hint = "" if private else nearest(name, [key for key in dir(cls) if key[0] != "_"])
+            raise AttributeError(f"{cls.__name__} has no {name}{hint}; {READ_OR_BUILD}")
 
 
 class Table(metaclass=TableType):
@@ -219,10 +219,7 @@ class Table(metaclass=TableType):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            if name[:2] == "__":
-                raise AttributeError(name)
-            names = type(self).__dataclass_fields__
-            raise unknown(f"{type(self).__name__}: no", name, names, AttributeError)
+            raise no_attribute(f"{type(self).__name__}: no", name, self.__dataclass_fields__)
 
 
 @dataclass_transform(frozen_default=True)

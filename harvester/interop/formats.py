@@ -60,6 +60,7 @@ def write(
     HarvesterError
         No such format, or an option that it does not have.
     """
+    # The command line reads this module for its help: importing numpy above would delay that.
     from harvester.scene.prepared import prepared
 
     if kind not in FORMATS:
@@ -77,8 +78,6 @@ def write(
             )
     if "report" in parameters:
         arguments["report"] = report
-    # The command line reads this module for its help, where numpy would be felt.
-
     paths = writer(prepared(scene), output, **arguments)
     for path in paths:
         report(f"written: {path}")

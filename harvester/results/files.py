@@ -31,7 +31,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
     result : ResultBase or Scene
         A scene is written into a file that ends in .toml.
     target : str or Path
-        A file that ends in .json, .csv, .nc, .png, .svg or .pdf; without an ending a folder.
+        A file that ends in .json, .csv, .nc, .png, .svg, .pdf or .toml; without an ending a folder.
     name : str
         Beginning of the names of the folder's files (default: the scene's name and the kind of
         result).
@@ -44,7 +44,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
     Raises
     ------
     HarvesterError
-        It is no result; `OutputError` where a file cannot be written.
+        `result` or `target` is not usable; `OutputError` if a file cannot be written.
     """
     if not isinstance(target, (str, os.PathLike)) or not str(target).strip():
         raise HarvesterError(f"save: {shown(target)}: is no path: give {KINDS}")

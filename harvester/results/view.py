@@ -94,7 +94,7 @@ class View:
     records : callable or None
         Returns the Table of all numbers, one record a row, where `table` shows a selection.
     keys : int
-        Number of the table's first columns that tell its rows apart; 0: as few as do so.
+        Number of the table's first columns that identify its rows; 0: the fewest that do.
     is_series : bool
         Whether a data frame has the records, because they are a curve that the table summarizes.
     dataset : callable or None
@@ -152,9 +152,9 @@ class ResultBase(ABC):
         return fields_of(self)
 
     def __getitem__(self, name: str) -> Any:
-        """What the table shows by this name: the numbers of a column, or a quantity's, by row.
+        """The numbers that the table has in a column, or for a quantity, by row.
 
-        A number with an error bar is an Estimate. The key of a row is what tells it apart, such as
+        A number with an error bar is an Estimate. The first columns of a row identify it, as in
         `swept["mean_power"]["monte-carlo", 0.05]`. Raises UnknownQuantity.
         """
         return self._numbers()[name.replace(" ", "_") if isinstance(name, str) else name]
@@ -178,7 +178,7 @@ class ResultBase(ABC):
         return list(self)
 
     def _numbers(self) -> Named:
-        """The table's numbers by name and row, of a curve those of all its points."""
+        """The table's numbers by name and row; for a curve, of all its points."""
         view = self.view()
         header, rows = view.data() if view.is_series else view.table
         names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]

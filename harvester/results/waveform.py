@@ -67,9 +67,8 @@ class Waveform(ResultBase):
         return Named(f"{self.scene.name}: the waveform has no column", self.columns)
 
     def __getattr__(self, name: str) -> np.ndarray:
-        if name not in vars(self).get("columns", ()):
-            return getattr(super(), "__getattr__")(name)  # noqa: B009
-        return self.columns[name]
+        columns = vars(self).get("columns", {})
+        return columns[name] if name in columns else super().__getattr__(name)  # type: ignore[misc]
 
     def view(self) -> View:
         """Extremes and rms of each column; a panel for each over time."""

@@ -25,7 +25,12 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
     heading : list of str
         Lines of comment at the top.
     """
+    from circuits.netlist.subcircuits import load_names
+
     tables = scene.to_tables()
+    # A record's path is absolute already: the text may be written into any folder.
+    if scene.load.netlist and scene.load.netlist not in load_names():
+        tables["load"]["netlist"] = str(scene.load.circuit.source[0].absolute())
     lines = [f"# {one_line(text)}" for text in heading]
     lines += [f"{key} = {_value(v)}" for key, v in tables.items() if not _is_table(v)]
     for name, table in tables.items():

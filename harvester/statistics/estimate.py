@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.arguments import no_attribute
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
 from harvester.base.numbers import is_real
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import shown
 from harvester.base.serialising import LEFT_OUT, plain
 
 NONE_SEEN = "none seen: no error bar for their rate"
@@ -62,9 +63,7 @@ class Estimate:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            names = [entry.name for entry in fields(self)]
-            hint = f"{nearest(name, names)}; there are {', '.join(names)}"
-            raise AttributeError(f"an Estimate has no attribute {name}{hint}")
+            raise no_attribute("an Estimate has no attribute", name, self.__dataclass_fields__)
 
     def __float__(self) -> float:
         return float(self.estimate)
@@ -96,7 +95,7 @@ class Estimate:
         return np.vectorize(self.__mul__, otypes=[object])(values[0])
 
     def _no_result(self, *others: Any) -> Any:
-        """Refuse what has no error bar: two estimates on the same noise are not independent."""
+        """Refuse operations without an error bar: estimates on the same noise are correlated."""
         raise self._refused(f" and {others[0]}" if others else "")
 
     def _refused(self, operation: str) -> HarvesterError:

@@ -25,7 +25,7 @@ from harvester.statistics.strain import without_line
 # missed once in a hundred times.
 STARTS = 16
 
-SPENT = "the time budget was spent: with a folder (output) the same command goes on, or call"
+SPENT = "time budget spent: with an output folder the same command goes on, or the same call"
 
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:

@@ -1,18 +1,15 @@
 """The points of a study: every load at every point of the swept values, on common noise."""
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from circuits.netlist.subcircuits import UnknownParameter
-from harvester.base.arguments import listed, table
+from harvester.base.arguments import listed, real_numbers, table
 from harvester.base.errors import HarvesterError, SceneError
-from harvester.base.numbers import on_quotes
-from harvester.base.plain_text import name, nearest, shown
+from harvester.base.plain_text import name, nearest
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.steps import has_own_knots, spacing_of
@@ -159,10 +156,8 @@ def _check_sweep(scene, key, values, any_key, loaded):
             f"{', '.join(number_keys)}"
         )
     for value in values:
-        word = any_key and not listed and isinstance(value, str)
-        if not (word or (isinstance(value, Real) and math.isfinite(value))):
-            reason = f"must be a number{on_quotes(value)}"
-            raise HarvesterError(f"{option} {key}: {shown(value)}: {reason}")
+        if not (any_key and not listed and isinstance(value, str)):
+            real_numbers([value], f"{option} {key}", "[0.1, 0.2]")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
     if len(loaded) > 1:

@@ -15,11 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
-from harvester.base.arguments import check_name, listed, table
+from harvester.base.arguments import check_name, listed, real_numbers, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
-from harvester.base.numbers import is_real
-from harvester.base.plain_text import shown
 from harvester.base.signatures import (
     Count,
     Distributions,
@@ -228,7 +226,6 @@ def frequency_response(
     scenes: list[Any] = [work.stepped(prepared_scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
         arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
         tasks = [Task(work.one_direction, values, version, engine.name) for values in arguments]
         outcomes = successful(runner.run(tasks))
@@ -743,6 +740,6 @@ def _ends(key, ends):
     if len(pair) != 2:
         raise HarvesterError(f"over[{key!r}]: has {len(pair)} numbers; write (0.1, 2.0)")
     for end in pair:
-        if end is not None and not is_real(end):
-            raise HarvesterError(f"over[{key!r}]: {shown(end)}: must be a number, such as 1e5")
+        if end is not None:
+            real_numbers([end], f"over[{key!r}]", "(0.1, 2.0)")
     return pair

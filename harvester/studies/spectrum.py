@@ -20,11 +20,11 @@ from harvester.results.view import Picture, ResultBase, View
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB. Longer
-# segments are not taken by default, and blocks hold at least this number of samples: an hour
-# at 8 kHz takes no more memory than a minute.
+# Segments of the density unless the resolution is given (a 95 % band of about ±1.3 dB), their most
+# samples by default, and the least samples of a block: an hour at 8 kHz takes no more memory than a
+# minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Most in a segment for the specification, and points of a density that is known.
+# Most samples of a segment for the specification, and points of a density that a formula gives.
 MOST_IN_PROFILE, PLACES = 2**20, 2**15
 # Most values of a scene's excitation; a shared core took 24 s for 30 million.
 MOST_VALUES = 1e9

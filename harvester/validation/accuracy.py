@@ -132,7 +132,8 @@ class Accuracy(ResultBase):
     def _setting(self, method):
         return method.setting(self.answer.prepared_scene)
 
-    def _step(self, method):
+    def longest_step(self, method: ComparedMethod) -> float:
+        """Longest step of a method on the scene (s)."""
         return method.step(self.answer.prepared_scene)
 
     def _cells(self, row):
@@ -157,10 +158,10 @@ class Accuracy(ResultBase):
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
             f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
             "where these follow the restarts of a PWL run",
-            f"bias: against {self.reference.family} ({self._step(self.reference):g} s), on "
+            f"bias: against {self.reference.family} ({self.longest_step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
-            *["bias of a closure: ± holds the reference's sampling and its own numerical error"]
+            *["bias of a closure: ± covers its numerical and the reference's sampling error"]
             * bool(self.closures),
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
@@ -191,7 +192,7 @@ class Accuracy(ResultBase):
         ]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
         steps = [
-            self._step(row.method)
+            self.longest_step(row.method)
             for row in rows
             if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below"}
         ]
@@ -234,7 +235,7 @@ class Accuracy(ResultBase):
             **fields_of(row.method),
             **fields_of(row),
             "setting": self._setting(row.method),
-            "longest_step": self._step(row.method),
+            "longest_step": self.longest_step(row.method),
             "simulated_time": row.simulated_time,
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),

@@ -278,6 +278,7 @@ def measure(
     model = prepared(scene)
     with_load = not scene.load.is_resistor
     if with_load:
+        # Raises LoadError before any run if Monte Carlo cannot take the load.
         circuit_of(model)
     reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1

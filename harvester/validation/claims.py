@@ -149,7 +149,7 @@ class ReproducedStatements(ResultBase):
         if not self.thorough:
             lines.append(
                 "the circuit is a hundred times as slow: it tests one condition of each statement "
-                "(D = 0.08 where that is one) and the ends of trends. Thorough, it tests all"
+                "(D = 0.08 where that is one) and the ends of trends. A thorough run tests all"
             )
         lines.append(
             f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "

@@ -1,7 +1,7 @@
 """Means that are known without simulation, where a case is simple enough for them.
 
-Each function returns the values of some quantities, and their largest deviations;
-an empty dictionary where it does not hold.
+Each function returns the values of some quantities with their largest allowed deviations, or an
+empty dictionary where it does not hold.
 """
 
 import math

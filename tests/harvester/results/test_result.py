@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import pickle
 import re
 import sys
 
@@ -142,6 +143,15 @@ def test_attributes_that_there_are_not_lead_to_those_that_are(result):
     with pytest.raises(AttributeError, match="did you mean voltage"):
         assert result.waveform.voltag
     assert copy.deepcopy(result["mean_power"]) == result["mean_power"]
+
+
+def test_python_and_json_look_names_up_without_a_hint(result, monkeypatch):
+    for module in ("base.arguments", "device.keys", "results.view"):
+        monkeypatch.setattr(f"harvester.{module}.nearest", None)
+    result.to_dict()
+    for item in (result["mean_power"], result.scene):
+        assert copy.deepcopy(item) == pickle.loads(pickle.dumps(item)) == item
+        assert np.ndim(item) == 0
 
 
 def test_names_of_densities_and_figures_lead_to_them(result):

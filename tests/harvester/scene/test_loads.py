@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from truths import flat
 
+import harvester
 from harvester.base.errors import NetlistError, SceneError
 from harvester.cli.command_line import main
 from harvester.scene.model import Scene
@@ -67,6 +68,9 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
     assert scene.load.circuit.resistance is None
     monkeypatch.chdir(folder.parent.parent)
     assert scene.replace({"run.seed": 5}).load == scene.load
+    harvester.save(scene, tmp_path / "copy.toml")
+    copy = Scene.read(tmp_path / "copy.toml").load
+    assert copy.circuit.source == scene.load.circuit.source
 
 
 @pytest.mark.parametrize(
