@@ -151,7 +151,6 @@ def test_python_and_json_look_names_up_without_a_hint(result, monkeypatch):
     result.to_dict()
     for item in (result["mean_power"], result.scene):
         assert copy.deepcopy(item) == pickle.loads(pickle.dumps(item)) == item
-        assert np.ndim(item) == 0
 
 
 def test_names_of_densities_and_figures_lead_to_them(result):
