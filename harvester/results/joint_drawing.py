@@ -1,4 +1,4 @@
-"""The joint density of displacement and velocity, methods side by side."""
+"""Figure of the joint density of displacement and velocity, one panel per method."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# A density is coloured down to this share of its peak.
+# Densities below this share of their peak are left blank.
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
 
 
 def draw(results: Sequence[Any]) -> Figure | None:
-    """p(X, X') of every result that has one, on the grid and colour scale of the last of them.
+    """Draw p(X, X') of every result that has it, on the last result's grid and colour scale.
 
-    Wells are marked by dots, saddles by crosses.
+    Dots mark wells, crosses mark saddles.
     """
     from matplotlib.figure import Figure
 
@@ -55,7 +55,6 @@ def _draw_panel(axes, result, places, values, highest):
 
     least = LEAST_SHARE * highest
     x, v = _in_units(result, places)
-    # Values below the least are left blank.
     visible = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, visible.T, norm=norm, cmap=COLOURS, rasterized=True)
@@ -69,7 +68,7 @@ def _draw_panel(axes, result, places, values, highest):
 
 
 def _frame(axes, result, places, values):
-    """Limits a little beyond the drawn data."""
+    """Set limits slightly beyond the drawn data."""
     seen = values > LEAST_SHARE * values.max()
     limits = (axes.set_xlim, axes.set_ylim)
     for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):

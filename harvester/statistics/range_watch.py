@@ -41,20 +41,20 @@ class RangeWatch:
             )
 
 
-def leaves_range(ready: Prepared, error: Exception) -> bool:
+def leaves_range(prepared_scene: Prepared, error: Exception) -> bool:
     """Whether a run ended because its mass left the range; beyond it a spring may diverge."""
     if isinstance(error, SolutionDiverged):
-        return math.isfinite(np.ptp(ready.system.spring.range))
+        return math.isfinite(np.ptp(prepared_scene.system.spring.range))
     return isinstance(error, SpringRangeLeft)
 
 
 def with_range_watch(
-    ready: Prepared, observers: Sequence[Sequence[Observer]]
+    prepared_scene: Prepared, observers: Sequence[Sequence[Observer]]
 ) -> list[list[Observer]]:
     """Observers of some realizations, with one more each where the spring has a range."""
-    low, high = ready.system.spring.range
+    low, high = prepared_scene.system.spring.range
     if math.isinf(high - low):
         return [list(watching) for watching in observers]
-    unit = " m" if ready.scene.units == "SI" else ""
-    length = ready.scales.displacement
+    unit = " m" if prepared_scene.scene.units == "SI" else ""
+    length = prepared_scene.scales.displacement
     return [[RangeWatch(low, high, length, unit), *watching] for watching in observers]

@@ -125,7 +125,7 @@ class RunEstimates:
 
 
 def run_estimates(
-    ready: Prepared, moments: Sequence[Moments], step_error: float = 0.0
+    prepared_scene: Prepared, moments: Sequence[Moments], step_error: float = 0.0
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
@@ -137,7 +137,7 @@ def run_estimates(
     SceneError
         No step of the run lies in its measured time.
     """
-    scene, system, scales = ready.scene, ready.system, ready.scales
+    scene, system, scales = prepared_scene.scene, prepared_scene.system, prepared_scene.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(
@@ -148,7 +148,7 @@ def run_estimates(
     spread = max(m.spread for m in moments)
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
-    memory = correlation_time(ready, moments)
+    memory = correlation_time(prepared_scene, moments)
     batch = moments[0].batch_length
 
     def error_over(time, change=False):
@@ -157,7 +157,7 @@ def run_estimates(
 
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
-    stores = store_states(ready, moments)
+    stores = store_states(prepared_scene, moments)
     # With one path, means hold for slow stores only at their charge in this run.
     longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
     remembered = [store.memory for store in stores if store.memory <= longest]
@@ -167,7 +167,7 @@ def run_estimates(
     estimates |= device_storage(moments, balanced, system, error_over(memory, change=True))
     estimates |= estimate_strain(balanced, scene.excitation, error)
     square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
-    step_error *= faintness(susceptance(ready) * square, power)
+    step_error *= faintness(susceptance(prepared_scene) * square, power)
     path_error = math.hypot(step_error, spread)
     estimates = _with_limited_samples(estimates, sum(m.points for m in moments))
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
@@ -180,7 +180,7 @@ def run_estimates(
         )
         for name, estimate in estimates.items()
     }
-    reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
+    reasons = shortfalls(prepared_scene, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *[*dict.fromkeys(moment.note for moment in moments if moment.note)][:MOST_NOTES],
@@ -270,7 +270,7 @@ def _without_value(load, moments):
     )
 
 
-def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
+def correlation_time(prepared_scene: Prepared, moments: Sequence[Moments]) -> float:
     """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
 
     A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
@@ -283,12 +283,12 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     square = sums[QUANTITIES.index("square_velocity")]
     if not lost > 0.0 or not square > 0.0:
         return 0.0
-    excitation, rate = ready.scene.excitation, lost / square
-    centre = timescales.angular_frequency(ready.system) / (2.0 * math.pi)
+    excitation, rate = prepared_scene.scene.excitation, lost / square
+    centre = timescales.angular_frequency(prepared_scene.system) / (2.0 * math.pi)
     width = rate / (2.0 * math.pi)
     # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
     f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
-    measured = excitation.measured_density(ready.scene.run.duration / STRETCHES)
+    measured = excitation.measured_density(prepared_scene.scene.run.duration / STRETCHES)
     corners = sorted(excitation.corners if measured is None else measured[0]) or [centre]
     places = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
     f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))

@@ -112,7 +112,7 @@ class Shortfall:
 
 
 def shortfalls(
-    ready: Prepared,
+    prepared_scene: Prepared,
     moments: list[Moments],
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
@@ -125,7 +125,11 @@ def shortfalls(
     differ; `stores` are the load's at the end of the run. `memory` is the least correlation time in
     batches.
     """
-    scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
+    scene, p, excitation = (
+        prepared_scene.scene,
+        prepared_scene.system,
+        prepared_scene.scene.excitation,
+    )
     measured = math.isfinite(excitation.highest_frequency)
     event = excitation.drifts and (excitation.transient(scene.run) or not measured)
     if event or "mean_square_voltage" not in estimates:

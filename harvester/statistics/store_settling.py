@@ -56,9 +56,9 @@ class StoreState:
     memory: float
 
 
-def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
+def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
     """The stores of a scene's load as a run left them; empty without any."""
-    batches, load = complete_batches(moments), ready.scene.load.circuit
+    batches, load = complete_batches(moments), prepared_scene.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:
         return []
@@ -71,11 +71,11 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
     )
     time = batches[:, :, QUANTITIES.index("time")]
     mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
-    matrix = _matrix(ready, dict(zip(names, mean, strict=True)))
+    matrix = _matrix(prepared_scene, dict(zip(names, mean, strict=True)))
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
     # Converted to volts, the unit of the levels.
-    volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
-    levels = _Levels(series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
+    volts = prepared_scene.scales.voltage * math.sqrt(max(float(square), 0.0))
+    levels = _Levels(series, time, mean, LEAST_HELD * volts, prepared_scene.scene.excitation.random)
     held = np.array([weights(store, names) for store in load.stores])
     times = [None] * len(held) if matrix is None else times_of(matrix, held)
     return [
@@ -94,11 +94,11 @@ class _Levels(NamedTuple):
     random: bool
 
 
-def _matrix(ready, levels):
+def _matrix(prepared_scene, levels):
     """G⁻¹ C about the means, or None where a slope there is no number."""
     from circuits.kernel.slow_modes import relaxation
 
-    matrix = relaxation(ready, levels)
+    matrix = relaxation(prepared_scene, levels)
     return matrix if np.isfinite(matrix).all() else None
 
 

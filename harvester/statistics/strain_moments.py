@@ -39,11 +39,11 @@ class StrainMoments:
     damage: np.ndarray | None = None
 
     @classmethod
-    def of(cls, ready: Prepared, batches: int) -> StrainMoments | None:
+    def of(cls, prepared_scene: Prepared, batches: int) -> StrainMoments | None:
         """Nothing kept yet; None of a scene without a drawing."""
-        if ready.scene.beam is None:
+        if prepared_scene.scene.beam is None:
             return None
-        layers, scales = strain_of_layers(ready.scene.beam), ready.scales
+        layers, scales = strain_of_layers(prepared_scene.scene.beam), prepared_scene.scales
         strain = np.array([layers.per_displacement, layers.per_volt])
         stress = layers.modulus * strain + [0.0, layers.stress_per_volt]
         rows = np.array([strain, stress]) * [scales.displacement, scales.voltage]

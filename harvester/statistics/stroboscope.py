@@ -77,19 +77,19 @@ def _rates(record):
     return record.load_power, record.voltage**2, record.displacement**2
 
 
-def strobe_period(ready: Prepared) -> float:
+def strobe_period(prepared_scene: Prepared) -> float:
     """Time between samples (s): the excitation's period, of its lowest line, else the device's."""
-    excitation = ready.scene.excitation
+    excitation = prepared_scene.scene.excitation
     if excitation.period is not None and not excitation.random:
         return excitation.period
     if excitation.lines and not excitation.drifts:
         return 1.0 / min(frequency for frequency, _ in excitation.lines)
-    return 2.0 * math.pi / timescales.angular_frequency(ready.system)
+    return 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
 
 
-def strobe_times(ready: Prepared) -> tuple[float, float, int]:
+def strobe_times(prepared_scene: Prepared) -> tuple[float, float, int]:
     """First time (s), time between samples (s) and number of samples of a run, after settling."""
-    period = strobe_period(ready)
-    first = max(math.ceil(ready.scene.run.settle / period - 1e-9), 1) * period
-    count = math.floor((stop_time(ready) - first) / period + 1e-6) + 1
+    period = strobe_period(prepared_scene)
+    first = max(math.ceil(prepared_scene.scene.run.settle / period - 1e-9), 1) * period
+    count = math.floor((stop_time(prepared_scene) - first) / period + 1e-6) + 1
     return first, period, max(count, 0)

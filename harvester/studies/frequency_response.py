@@ -364,34 +364,40 @@ def one_direction(
         version; seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
-    ready, scene = prepared_scene, prepared_scene.scene
+    prepared_scene, scene = prepared_scene, prepared_scene.scene
     excitation: Any = scene.excitation
-    path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
+    path = excitation.path(knot_spacing(prepared_scene), prepared_scene.excitation_unit, None)
     windows = []
     for number, frequency in enumerate(excitation.frequencies):
         end = (number + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
     output = _Outputs(windows, scene.load.circuit.recorded) if _has_output(scene) else None
-    chosen.prepare(ready)
+    chosen.prepare(prepared_scene)
     clock = time.perf_counter()
-    observers = with_range_watch(ready, [windows])
+    observers = with_range_watch(prepared_scene, [windows])
     outputs = [output] if output else None
-    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
+    outcome = chosen.run_realizations(
+        prepared_scene, [path], [start_state(prepared_scene, 0)], observers, outputs
+    )
     seconds = time.perf_counter() - clock
     rows = []
     for number, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
         record, ends = window.record(), (window.stop, _measured(excitation, frequency))
-        base = excitation.base_displacement(record.time, number) / ready.scales.displacement
+        base = (
+            excitation.base_displacement(record.time, number) / prepared_scene.scales.displacement
+        )
         at_output = (math.nan, math.nan)
         if output:
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
         row = np.array([*_means(record, base, *ends), *at_output])
-        if excitation.dwell < transient_time(ready, SETTLED_SHARE):
+        if excitation.dwell < transient_time(prepared_scene, SETTLED_SHARE):
             # The remaining change after a time t is τ/t times the change within it.
-            residual = row[RESIDUAL] * transient_time(ready, math.exp(-1.0)) / (0.5 * ends[1])
+            residual = (
+                row[RESIDUAL] * transient_time(prepared_scene, math.exp(-1.0)) / (0.5 * ends[1])
+            )
             row[:] = row if residual <= NOTED_RESIDUAL else math.nan
             row[RESIDUAL] = residual
-        rows.append((*row.tolist(), _step_error(ready, chosen, frequency, *row[1:3])))
+        rows.append((*row.tolist(), _step_error(prepared_scene, chosen, frequency, *row[1:3])))
     return rows, outcome["engine_version"], seconds
 
 
@@ -401,10 +407,10 @@ def _step_error(stepped, engine, frequency, rms_voltage, power):
         return math.nan
     scene, spacing = stepped.scene, knot_spacing(stepped)
     sine = Sine(scene.excitation.amplitude, frequency, knot_spacing=spacing)
-    ready = stepped.replace(excitation=sine)
+    prepared_scene = stepped.replace(excitation=sine)
     steps = steps_per_sample(stepped, engine.step, engine.name)
-    cost = step_error(ready, spacing / steps, engine.name)
-    return cost * faintness(susceptance(ready) * rms_voltage**2, power)
+    cost = step_error(prepared_scene, spacing / steps, engine.name)
+    return cost * faintness(susceptance(prepared_scene) * rms_voltage**2, power)
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
@@ -452,12 +458,17 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
-def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
+def stepped(prepared_scene: Prepared, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    scene = ready.scene
-    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
+    scene = prepared_scene.scene
+    motion = (
+        2.0
+        * math.pi
+        / timescales.fastest_angular_frequency(prepared_scene.system)
+        / KNOTS_PER_PERIOD
+    )
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
-    dwell = transient_time(ready, SETTLED_SHARE, MOST_PERIODS / frequencies.min())
+    dwell = transient_time(prepared_scene, SETTLED_SHARE, MOST_PERIODS / frequencies.min())
     dwell += MEASURED_PERIODS / frequencies.min()
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(

@@ -80,8 +80,8 @@ def of_scene(
     from harvester.scene.prepared import prepared
     from harvester.scene.steps import knot_spacing
 
-    ready = prepared(scene)
-    spacing = knot_spacing(ready)
+    prepared_scene = prepared(scene)
+    spacing = knot_spacing(prepared_scene)
     seconds = duration or scene.run.duration
     if seconds > MOST_VALUES * spacing:
         raise HarvesterError(
@@ -91,9 +91,9 @@ def of_scene(
     count = int(seconds / spacing)
 
     def blocks(size: int) -> Iterator[np.ndarray]:
-        path = noise_path(ready, 0)
+        path = noise_path(prepared_scene, 0)
         for first in range(0, count, size):
-            yield ready.excitation_unit * path.read(min(size, count - first))
+            yield prepared_scene.excitation_unit * path.read(min(size, count - first))
 
     profiled = _specified(scene.excitation, seconds, spacing)
     return _analysed(

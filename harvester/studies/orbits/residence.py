@@ -317,11 +317,11 @@ def staying(
 
 
 def stays_of(
-    ready: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
+    prepared_scene: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
 ) -> list[ResidenceTime]:
     """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
     wells)."""
-    system = ready.system
+    system = prepared_scene.system
     wells = sorted(timescales.wells(system))
     if len(wells) == 2 and system.symmetric:
         times, exits, wells = (
@@ -342,24 +342,24 @@ def stays_of(
             error *= 1.0 + RAISED / count
             if count < FEW_STAYS:
                 error = max(error, time / math.sqrt(count))
-        formula, reason = kramers_time(ready, well)
-        bottom = well * ready.scales.displacement
-        longer = _longer_by_knots(ready, well)
+        formula, reason = kramers_time(prepared_scene, well)
+        bottom = well * prepared_scene.scales.displacement
+        longer = _longer_by_knots(prepared_scene, well)
         rows.append(
             ResidenceTime(value, bottom, time, error, int(count), watched, formula, reason, longer)
         )
     return rows
 
 
-def _longer_by_knots(ready, well):
+def _longer_by_knots(prepared_scene, well):
     """See `ResidenceTime.longer_by_knots`; 0 for noise that is not white."""
-    system = ready.system
+    system = prepared_scene.system
     omega = timescales.well_frequency(system, well)
     loss = timescales.loss_rate(system, omega)
-    if ready.scene.excitation.kind != "white" or not loss > 0.0:
+    if prepared_scene.scene.excitation.kind != "white" or not loss > 0.0:
         return 0.0
     temperatures = timescales.barrier(system, well) * loss / system.noise.intensity
-    return kernel_loss(knot_spacing(ready), omega) * temperatures
+    return kernel_loss(knot_spacing(prepared_scene), omega) * temperatures
 
 
 def require_wells(prepared_scene: Prepared) -> None:
@@ -401,7 +401,7 @@ def _draw(residence):
     return draw_panels([panel], title, size=(4.0, 3.0))
 
 
-def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
+def kramers_time(prepared_scene: Prepared, well: float) -> tuple[float | None, str]:
     """Mean time until the other of two wells (s), or None and why the formula does not hold.
 
     Kramers' rate for moderate to strong damping (Physica 7, 284, 1940) times the depopulation
@@ -410,8 +410,8 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
 
     `well`: displacement of the well, scaled.
     """
-    system = ready.system
-    why = _refusal(ready, well)
+    system = prepared_scene.system
+    why = _refusal(prepared_scene, well)
     if why:
         return None, why
     (saddle,) = timescales.saddles(system)
@@ -428,17 +428,17 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
     return 2.0 * math.pi / (omega * slowing * factor) * math.exp(barrier), ""
 
 
-def _refusal(ready, well):
+def _refusal(prepared_scene, well):
     """Why Kramers' formula does not hold; empty where it does."""
-    system, excitation = ready.system, ready.scene.excitation
+    system, excitation = prepared_scene.system, prepared_scene.scene.excitation
     if len(timescales.wells(system)) != 2:
         return "it is for two wells"
     if excitation.kind not in ("white", "ornstein-uhlenbeck"):
         return f'it is for white noise, and excitation.kind = "{excitation.kind}"'
-    drag = ready.scene.oscillator.quadratic_damping
+    drag = prepared_scene.scene.oscillator.quadratic_damping
     if not system.damper.damping > 0.0 or drag > 0.0:
         return "it is for a linear damper"
-    if any(stopper.restitution < 1.0 for stopper in ready.scene.stoppers):
+    if any(stopper.restitution < 1.0 for stopper in prepared_scene.scene.stoppers):
         return "stoppers take energy"
     omega = math.sqrt(max(timescales.stiffness(system, well), 0.0))
     added = system.transducer.loss_rate(omega)
