@@ -311,8 +311,8 @@ class MeasuredFile:
         """Convert a time column to seconds after the first time; sample numbers need a rate."""
         if unit == SAMPLES and rate is None:
             raise SceneError(
-                f"{self.where}: {self.label(index)} contains sample numbers, but the sampling rate is unknown: "
-                f"give {key}{self._behind}"
+                f"{self.where}: {self.label(index)} contains sample numbers, but "
+                f"the sampling rate is unknown: give {key}{self._behind}"
             )
         finite = np.flatnonzero(np.isfinite(numbers))
         # The first time is subtracted before scaling, so that epoch times keep their milliseconds.

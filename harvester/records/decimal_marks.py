@@ -85,7 +85,7 @@ def _marks(column, others):
 def _refuse(text, mark):
     text = text.strip()
     raise ValueError(
-        f"{text} is ambiguous: {text.replace(mark, '')} and "
+        f"{text} is ambiguous: {text.replace(mark, '')} or "
         f"{text.replace(mark, '.')}: save it without thousands separators "
         "and with decimal points"
     )

@@ -36,7 +36,7 @@ def refuse_size(values: np.ndarray, where: str, factor: float = 1.0, unit: str =
     if peak != 0.0 and not SMALLEST_PEAK <= peak * factor <= LARGEST_PEAK:
         raise SceneError(
             f"{where}: the largest sample is {peak:g}{f' in the unit {unit}' if unit else ''}, "
-            f"where it must be in [{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check "
+            f"which must be in [{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check "
             "the column and its unit"
         )
 

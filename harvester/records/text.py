@@ -177,7 +177,7 @@ def _last_lines(content):
 
 
 def _scan(content, form):
-    """Lines above the first row with comment flags, number of the first row, rows, and lines below."""
+    """Lines above the first row with comment flags, its number, the rows, and the lines below."""
     above: deque = deque(maxlen=HEADER_LINES)
     last: list[str] = []
     width, first, rows, behind, ragged = len(form.kinds), 0, 0, 0, ""
@@ -264,7 +264,7 @@ def _kind(field):
 
 
 def _complex(text):
-    """Convert a text to a complex number, real without imaginary part; NaN if it is not a number."""
+    """Convert a text to a complex number, real without imaginary part; NaN if invalid."""
     match = _complex_match(text.strip())
     parts = (match[1], match[2] + match[3]) if match else (text, "0")
     return complex(*map(_number, parts))

@@ -1,9 +1,9 @@
 """Distance of a load's capacitors and coils from their steady state at the end of a run.
 
-The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: the distance from y∞ is
-G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
-blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
-within the run, the rest follows from its decay.
+The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0 with G linearised about the means: the
+distance from y∞ is G⁻¹ C times the remaining rate of change of the mean, for any circuit. A diode
+that blocks on average counts as blocking, so this is an upper estimate. If the rate decays during
+the run, the distance follows from its decay.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # The error of a store is relative to its voltage, but at least to this share of the terminal's rms
 # voltage.
 LEAST_HELD = 0.01
-# The charging rates in a run's last two quarters give a time constant if their ratio is below 0.98.
-# The ratio of the two quarters before must agree with it to 20 % of its distance from 1.
+# The charging rates in a run's last two quarters give a time constant if their ratio is below 0.98,
+# and the ratio of the two previous quarters agrees to 20 % of its distance from 1.
 SLOWEST_DECAY, ALIKE = 0.98, 0.2
 
 
@@ -41,9 +41,9 @@ class StoreState:
     ----------
     name, where : as in `circuits.netlist.stores.Store`.
     missing, error
-        Distance from its final value, as a share of its value; standard error.
+        Distance from the final value, as a share of the value; standard error.
     time
-        Relaxation time (s); nan where it could not be determined.
+        Relaxation time (s); NaN if it could not be determined.
     memory
         Correlation time of its charge under noise (s).
     """
@@ -57,7 +57,7 @@ class StoreState:
 
 
 def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
-    """The stores of a scene's load as a run left them; empty without any."""
+    """States of the load's stores at the end of a run; empty without stores."""
     batches, load = complete_batches(moments), prepared_scene.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:
@@ -85,7 +85,7 @@ def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[S
 
 
 class _Levels(NamedTuple):
-    """Levels of a run: sums (realizations, batches, names, …), times, means, least held."""
+    """Levels of a run: sums (realizations, batches, names, …), times, means, smallest reference."""
 
     series: np.ndarray
     time: np.ndarray
@@ -95,7 +95,7 @@ class _Levels(NamedTuple):
 
 
 def _matrix(prepared_scene, levels):
-    """G⁻¹ C about the means, or None where a slope there is no number."""
+    """G⁻¹ C about the means; None if a derivative there is not finite."""
     from circuits.kernel.slow_modes import relaxation
 
     matrix = relaxation(prepared_scene, levels)
@@ -110,20 +110,19 @@ def _state(store, levels, ends, matrix, times):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # A voltage that swings about 0 has no mean.
+    # A voltage that oscillates about 0 has no mean.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf
     if matrix is not None:
         rates = levels.series[..., CHANGE].sum(axis=(0, 1)) / levels.time.sum()
         by_network = float(ends @ matrix @ rates)
-        # A capacitance that changes has no part in the network.
+        # A variable capacitance is not part of the network.
         if by_network and rate and not abs(missing) < abs(by_network):
             missing, time = by_network, by_network / rate
         memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
-        # There is no time constant: assume that the remaining change is as large as the change
-        # during the run.
+        # Without a time constant, the remaining change is assumed to equal the change in the run.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:

@@ -9,10 +9,10 @@ from harvester.scene.prepared import Prepared
 
 
 def transient_time(prepared_scene: Prepared, share: float, longest: float = math.inf) -> float:
-    """Time after which a transient is down to a share of itself, scaled.
+    """Time after which a transient has decayed to `share` of its initial size, scaled.
 
-    The slowest of the device's motion, its terminal's discharge and the load's own modes counts;
-    these modes with at most the time `longest`.
+    The slowest of the device's motion, its terminal's discharge and the load's modes counts; the
+    modes' time is limited to `longest`.
     """
     decay = prepared_scene.system.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(prepared_scene.system)
@@ -25,7 +25,7 @@ def transient_time(prepared_scene: Prepared, share: float, longest: float = math
 
 
 def memory_of(prepared_scene: Prepared) -> float:
-    """The slowest relaxation time in periods of the excitation."""
+    """The slowest relaxation time, in periods of the excitation."""
     return transient_time(prepared_scene, math.exp(-1.0)) / float(
         prepared_scene.scene.excitation.period or 1.0
     )
