@@ -145,7 +145,7 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
     voltage = estimates.get("output_voltage")
     advice = "let the source draw its power from the load, as a converter does"
     if voltage is not None and voltage.estimate < 0.0:
-        advice = "the output has collapsed below 0 V and demands more than the device delivers: reduce it"
+        advice = "the output voltage is below 0 V, since the load demands too much: reduce it"
     return bool(supplied) * (
         f"{', '.join(supplied)}, which does not come from the device and is not part of output "
         f"power and efficiencies{', so nothing is harvested there' * nothing}: {advice}",

@@ -1,8 +1,8 @@
-"""An optimum over one parameter: by averaging, then by simulation on common noise.
+"""Maximise over one parameter: by averaging, then by simulation on common noise.
 
-Averaging scans the range and refines its highest point. Simulations near it share their noise, so
-that differences of their values are far more precise than the values. A cubic through them has the
-maximum; the paired errors of the values give its standard error.
+Averaging scans the range and refines its highest point. Simulations near it have common noise, so
+that differences of their values are far more precise than the values. The maximum is that of a
+cubic fit; its standard error follows from paired errors of the values.
 
     value                      window, half width 0.25 of the range
       |               [....o....^....o....]     o simulated   ^ maximum of the cubic
@@ -10,10 +10,10 @@ maximum; the paired errors of the values give its standard error.
       |     .         :         |         :
       +---------------:---------|---------:------ parameter
 
-    1. The slope at the window's middle is significant: move the window uphill.
-    2. The cubic does not follow the values, or falls by more than 0.15: halve the window.
-    3. Two standard errors exceed 0.15 of the half width: run as many realizations as it takes.
-    4. None of these: the maximum of the cubic, with its standard error, is the result.
+        1. The slope at the window's middle is significant: move the window uphill.
+        2. The cubic does not fit the values, or falls by more than 0.15: halve the window.
+        3. Two standard errors exceed 0.15 of the half width: increase the number of realizations.
+        4. Otherwise the maximum of the cubic, with its standard error, is the result.
 """
 
 import math
@@ -49,26 +49,26 @@ from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
-# Points of averaging's scan; points between the neighbours of its highest; degree of the polynomial
-# through them; points of a fit to simulations.
+# Number of points of averaging's scan; of its refinement between the neighbours of the highest
+# point; degree of the polynomial fitted to them; number of simulated points of a fit.
 SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
-# Half width of the fitted window as a share of the range, at first and at least. The window is
+# Half width of the fitted window as a share of the range, initially and at least. The window is
 # halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Two standard errors of the optimum may be this share of the window's half width. Otherwise the
-# next round has the realizations that would reach it, times this reserve, but at most this multiple
-# of the present number.
+# Maximum ratio of two standard errors of the optimum to the window's half width. If it is exceeded,
+# the next round has the required number of realizations times RESERVE, but at most
+# TIMES_REALIZATIONS times the present number.
 WANTED, RESERVE, TIMES_REALIZATIONS = 0.15, 1.2, 4.0
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16.0, "circuit": 1.0}
-# A narrower window is fitted if a value deviates from the cubic by this number of standard errors,
-# and by this share of the fall within the window.
+# The window is narrowed if a value deviates from the cubic by this number of standard errors, and
+# by this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
-# A maximum must exceed the ends of its window by STANDS_OUT of itself; less is a plateau. The
-# window is not narrowed if the fall is below NARROWED: a kink looks the same at every scale, and no
-# cubic follows it.
+# A maximum must exceed the ends of its window by STANDS_OUT of its value; otherwise it is a
+# plateau. The window is not narrowed if the fall is below NARROWED: a kink looks the same at every
+# scale, and no cubic fits it.
 STANDS_OUT, NARROWED = 1e-3, 1e-2
-# The window moves to a maximum that is off its middle by more than this share of its half width.
+# The window is centred at a maximum farther from its middle than this share of its half width.
 RECENTRED = 0.2
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
 
@@ -83,11 +83,11 @@ def along(
     stages: Stages,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over one parameter, all of it but its time."""
-    # One spacing of knots for the whole range: else points would not share their noise.
+    """The optimum over one parameter, except its computing time."""
+    # A common knot spacing for the whole range gives all points the same noise.
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
     (device,) = on_common_knots([scene], ends)
-    location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    location, value, reason = None, None, f"does not compute {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
         stages.begin(0.0, 0.3, "stationary averages")
         location, value, reason = averaged(device, axis, quantity, closure, runner)

@@ -1,12 +1,12 @@
-"""An optimum over several parameters together.
+"""Maximise over several parameters together.
 
-Proposals of a library for noisy functions are evaluated on common noise; the highest are run again
-on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
-the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
-nothing was chosen by.
+1. A library for noisy functions proposes points, which are evaluated on common noise.
+2. The highest points are run again on independent noise, since the highest of many is biased.
+3. From the best of them, the search climbs along the axes and measures the flat region.
+4. A last run on independent noise gives the value without selection bias.
 
 Methods without noise continue from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis,
-Hong Kong Polytechnic University, 2022), to their own precision.
+Hong Kong Polytechnic University, 2022), to their precision.
 """
 
 import math
@@ -32,18 +32,18 @@ from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Default number of proposals for each parameter, and of points of a grid instead.
+# Default number of proposals per parameter, and number of grid points that replace them.
 EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
-# Number of points that are run again on fresh noise.
+# Number of points that are run again on independent noise.
 CONFIRMED = 5
-# Radius of trust of a method without noise, as a share of the ranges, at first and at the end: a
-# maximum is flat to 1e-9 within the last.
+# Trust radius of a method without noise, as a share of the ranges, initially and finally: within
+# the latter a maximum is flat to 1e-9.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
 # Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
-# Noise streams, by number: for the search, for the chosen points, and for the final value.
+# Numbers of the noise streams: for the search, for the chosen points, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
 
 
@@ -57,7 +57,7 @@ def over_several(
     evaluations: int | None = None,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over several parameters, all of it but its time; see `optimum`."""
+    """The optimum over several parameters, except its computing time; see `optimum`."""
     usual = GRID if _by_grid(axes, is_noisy(scene, method)) else EVALUATIONS_EACH * len(axes)
     count = usual if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
@@ -66,7 +66,7 @@ def over_several(
             f"{MOST_EVALUATIONS}"
         )
     if len(axes) > MOST_PARAMETERS:
-        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
+        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters")
     expected = 1 + count + CONFIRMED + CLIMB_EACH * len(axes)
 
     def begin(done, after):
@@ -105,17 +105,17 @@ def over_several(
 
 
 def _by_grid(axes, noisy):
-    """Whether a grid replaces proposals: one parameter, without noise."""
+    """Whether a grid replaces proposals: for one parameter without noise."""
     return len(axes) == 1 and not noisy
 
 
 def _search(objective, count):
-    """Points proposed and their values; of one parameter without noise a grid."""
+    """Proposed points and their values; for one parameter without noise, a grid."""
     searched: list[tuple] = []
     axes, proposals = objective.axes, None
     grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
-        # The search begins at the scene itself, if that lies within the ranges.
+        # The search begins at the scene's values if they are in the ranges.
         own = [axis.own(objective.scene) for axis in axes]
         inside = all(axis.low <= value <= axis.high for axis, value in zip(axes, own, strict=True))
         first = [axis.coordinate(value) for axis, value in zip(axes, own, strict=True) if inside]
@@ -133,7 +133,7 @@ def _search(objective, count):
 
 
 def _chosen(objective, searched):
-    """The highest point; under noise the highest of the best ones on fresh noise."""
+    """The highest point; under noise, the highest of the best points on independent noise."""
     ended = [pair for pair in searched if not math.isnan(pair[1])]
     highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
     if not objective.noisy:
