@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
 BINS = 60
-# Number of segments that a spectrum is averaged over.
+# Number of segments over which a spectrum is averaged.
 SEGMENTS = 12
 
 
 def draw(found: Any) -> Figure:
-    """Draw an `Identification`'s prediction of the first record's validation part.
+    """Draw an `Identification`'s prediction of the first record's validation data.
 
-    Panels are waveforms, spectra, densities and the residuals' correlation; of a response its
+    Panels are waveforms, spectra, densities and the residuals' autocorrelation; for a response its
     outputs.
     """
     record = found.fitted.records[0]
     panels = _of_lines(record) if isinstance(record, ResponseRecord) else _in_time(found, record)
-    title = f"{found.scene.name}: {record.aside} of {record.name}, kept aside"
+    title = f"{found.scene.name}: {record.aside} of {record.name}, validation data"
     return draw_panels(panels, title, size=(4.6, 2.9), columns=2)
 
 
 def _compared(x, columns, labels, width=2.2, **shown):
-    """Series of what was measured, predicted, and left."""
+    """Series of the measured and the predicted columns, and of the residuals."""
     styles = ((MEASURED, width), (PREDICTED, 1.0), (RESIDUAL, 0.8))
     return [
         Series(x, y, label, colour=colour, width=thickness, **shown)
@@ -43,7 +43,7 @@ def _compared(x, columns, labels, width=2.2, **shown):
 
 
 def _of_lines(record):
-    """Panels of a response's outputs: the lines kept aside, their prediction, the difference."""
+    """Panels of a response's outputs: validation lines, their prediction, and the difference."""
     panels = []
     for n, name in enumerate(record.outputs):
         label = f"{name} [rad]" if name == "phase" else name
@@ -55,7 +55,7 @@ def _of_lines(record):
 
 
 def _in_time(found, record):
-    """Panels of a record in time."""
+    """Panels of a time record."""
     from scipy import signal
 
     name, values = record.outputs[0], record.measured[:, 0]
@@ -89,7 +89,7 @@ def _in_time(found, record):
             quantity,
             "probability density",
             _compared(0.5 * (bins[1:] + bins[:-1]), shares, unlabelled),
-            # Volts have long labels: more than seven would touch.
+            # Values in volts have long labels: more than seven would overlap.
             more=lambda axes: axes.locator_params(axis="x", nbins=6),
         ),
         Panel(
@@ -102,7 +102,7 @@ def _in_time(found, record):
 
 
 def draw_posterior(found: Any) -> Figure:
-    """Draws of every value and of every pair of them; 95 % intervals of the sandwich in grey."""
+    """Draw the posterior of every value and of every pair; 95 % sandwich intervals are grey."""
     from matplotlib.figure import Figure
 
     sampled: Any = found.posterior

@@ -409,7 +409,7 @@ def _closure(comparison, name):
     if math.isnan(sigma):
         return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
     reasons = _reasons(comparison.closures[name], name)
-    tail = f" Known limits: {'; '.join(reasons)}." if reasons else " It does not say why."
+    tail = f" Known limits: {'; '.join(reasons)}." if reasons else " No known limit explains this."
     if not _off(share, sigma):
         agreed = (
             f"{subject} agrees with Monte Carlo's {words(JUDGED_BY)}: {share:+.1%}, {sigma:+.1f} "

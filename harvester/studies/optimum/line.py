@@ -131,7 +131,7 @@ def amount(answer: Answer, quantity: str) -> float:
 def averaged(
     scene: Scene, axis: Axis, quantity: str, closure: str, runner: Runner
 ) -> tuple[float | None, float | None, str]:
-    """(point, value, reason) of the maximum by averaging; point and value None with a reason."""
+    """(position, value, "") of the maximum by averaging, or (None, None, reason)."""
 
     def values(coordinates):
         places = [axis.value(c) for c in coordinates]
@@ -148,12 +148,12 @@ def averaged(
     scanned, refusals = values(grid)
     top = int(np.argmax(scanned))
     if not math.isfinite(scanned[top]):
-        return None, None, f"refused everywhere: {refusals[0]}"
+        return None, None, f"not valid anywhere in the range: {refusals[0]}"
     if top in (0, SCANNED - 1):
         end = axis.value(grid[top])
         return None, None, f"largest at the end of the range, {axis.key} = {end:.4g}"
     if not (math.isfinite(scanned[top - 1]) and math.isfinite(scanned[top + 1])):
-        return None, None, f"largest beside where it is refused: {refusals[0]}"
+        return None, None, f"largest next to points at which it is not valid: {refusals[0]}"
     for side, values_there in (("below", scanned[:top]), ("above", scanned[top:])):
         lowest = min(value for value in values_there if math.isfinite(value))
         if not scanned[top] - lowest > STANDS_OUT * abs(scanned[top]):
@@ -161,7 +161,7 @@ def averaged(
     closer = np.linspace(grid[top - 1], grid[top + 1], REFINED)
     around, refusals = values(closer)
     if refusals:
-        return None, None, f"largest beside where it is refused: {refusals[0]}"
+        return None, None, f"largest next to points at which it is not valid: {refusals[0]}"
     fit = np.polynomial.Polynomial.fit(closer, around, DEGREE)
     fine = np.linspace(closer[0], closer[-1], 2001)
     best = int(np.argmax(fit(fine)))
@@ -169,9 +169,10 @@ def averaged(
 
 
 class Search:
-    """The maximum of a quantity by simulation, all points on the same noise.
+    """The maximum of a quantity by simulation, with the same noise for all points.
 
-    `scene`: the scene, with one knot spacing for all points; `begin`: called before each window.
+    `scene`: the scene, with the knot spacing common to all points; `begin`: called before each
+    window.
     """
 
     def __init__(
@@ -190,9 +191,9 @@ class Search:
         self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
-        """Point with its standard error, and the values that it was fitted to.
+        """Return the maximum's position with its standard error, and the values of the fit.
 
-        `start`: coordinate to begin at; None: the highest of some points over the whole range.
+        `start`: initial coordinate; None: the highest of some points over the whole range.
         """
         centre = self._highest() if start is None else start
         half = WINDOW
@@ -219,7 +220,7 @@ class Search:
         )
 
     def request(self, coordinate: float, **options: Any) -> Request:
-        """The request for one point, with the number of realizations that the precision needs."""
+        """The request for one point, with the number of realizations for the required precision."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
         more = math.ceil(self._more * self.scene.run.realizations)
         realizations = None if self._more == 1.0 else more
@@ -239,7 +240,7 @@ class Search:
         return float(grid[np.argmax(values)])
 
     def _moved(self, centre, half, fit, answers):
-        """The next window's centre, towards the higher side if the slope is significant."""
+        """The next window's centre, uphill if the slope is significant."""
         if not fit.sloped:
             if self._lengthen():
                 return centre
@@ -256,10 +257,12 @@ class Search:
         return centre + side * half
 
     def _better_seen(self, centre, half, fit, answers):
-        """The next window's centre, if the fitted maximum is not above both ends of the
-        present window."""
+        """The next window's centre, if the fitted maximum does not exceed both ends of the present
+        window.
+        """
         around = min(max(centre + half * fit.place, half), 1.0 - half)
-        # The place is no better known than a fall that is lost in noise.
+        # If the fall is within noise, the position is too uncertain, and more realizations are
+        # needed.
         longer = fit.noisy_ends and self._lengthen()
         if longer or abs(around - centre) > RECENTRED * half:
             return around
@@ -274,7 +277,7 @@ class Search:
         )
 
     def _refuse_flat(self, window, answers, flat, otherwise):
-        """Refuse points between which nothing differs: where all are 0, for that reason."""
+        """Raise OptimumError if no differences are significant; say if all values are 0."""
         values = [answer.in_units()[self.quantity] for answer in answers]
         unit = unit_of(self.scene, values[0].dimension)
         places = ", ".join(
@@ -287,7 +290,7 @@ class Search:
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self, times=TIMES_REALIZATIONS):
-        """Multiply the number of realizations; False if it is at its limit already."""
+        """Multiply the number of realizations; return False if it is already at its limit."""
         before, most = self._more, MOST_TIMES_REALIZATIONS[self.method.name]
         self._more = min(before * min(times, TIMES_REALIZATIONS), most)
         return self._more > before
@@ -306,7 +309,7 @@ class Search:
         ]
         place = self.axis.value(coordinate)
         if isinstance(self.method, Engine) and not self.scene.excitation.random:
-            # A step error that differs between points moves the maximum by such a share.
+            # A step error that varies over the window moves the maximum in proportion.
             there = self.scene.replace({self.axis.key: place})
             cost = step_error(prepared(there), self.method.step, self.method.name)
             error = math.hypot(error, cost * place)
@@ -316,7 +319,7 @@ class Search:
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
             f"{self.axis.value(coordinate):.4g}, by {self.method.name}: "
-            f"{(*self._missing, 'no optimum inside; widen it with --from and --to')[0]}"
+            f"{(*self._missing, 'no optimum inside; extend it with --from and --to')[0]}"
         )
 
     def _name(self):
@@ -329,30 +332,30 @@ def _spread(centre, half):
 
 
 class CubicFit:
-    """Cubic through values at points from −1 to 1, with errors from the noise they share.
+    """Cubic through values at points from −1 to 1, with errors from their common noise.
 
-    `error_of`: the error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
+    `error_of`: error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
 
     Attributes
     ----------
     place, error
-        Position of the maximum, and its error from noise.
+        Position of the maximum, and its statistical error.
     bias : float
-        Distance of a spline's maximum from there, if values deviate from the
-        cubic beyond chance.
+        Distance to the maximum of a spline, if values deviate significantly from the cubic;
+        otherwise 0.
     slope
         Slope at the middle of the window.
     sloped, peaked
-        Whether the slope, and the downward curvature, are beyond chance.
+        Whether the slope, and the downward curvature, are significant.
     drop
         Fall from the maximum to the lower end, as a share of the maximum.
     misfit
-        Whether the deviation from the cubic matters and the window can be narrowed.
+        Whether the deviation from the cubic is relevant, so that the window should be narrowed.
     flat_to : int
-        −1 or 1, the end that the values do not surely fall to from the point nearest to the
-        maximum; 0: they fall to both.
+        −1 or 1: the end at which the value is not significantly below that of the point nearest to
+        the maximum; 0: there is none.
     noisy_ends
-        Whether longer runs could decide that.
+        Whether longer runs could make this fall significant.
     """
 
     def __init__(
@@ -378,7 +381,7 @@ class CubicFit:
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
-            # The maximum moves so that c1 + 2 c2 t + 3 c3 t² stays zero.
+            # The maximum t satisfies c1 + 2 c2 t + 3 c3 t² = 0.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
             self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
@@ -400,8 +403,9 @@ class CubicFit:
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
     def _look_at_ends(self, places, values, series):
-        """Compare the measured values at the window's ends with the highest: a cubic through
-        a plateau has a maximum too."""
+        """Compare the values at the window's ends with the highest, since a cubic fit of a plateau
+        also has a maximum.
+        """
         self.flat_to, self.noisy_ends = 0, False
         nearest = int(np.argmin(np.abs(places - self.place)))
         least = STANDS_OUT * abs(values[nearest])

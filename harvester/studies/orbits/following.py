@@ -1,4 +1,4 @@
-"""Many starts of one driven device, followed to where they settle."""
+"""Follow many starts of a driven device until they reach a steady motion."""
 
 import math
 from collections.abc import Generator
@@ -45,18 +45,18 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import COLUMNS, STATE
 from harvester.statistics.transient import memory_of, transient_time
 
-# Samples are taken once the slowest transient has decayed to this share.
+# Samples are taken after the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6
-# Fewest and most periods that a start is followed if none are asked for.
+# Default limits of the number of periods for which a start is followed.
 FEWEST_PERIODS, MOST_PERIODS = 100, 2000
-# Most periods that a user may ask for: their samples of the excitation take some hundred megabytes.
+# Maximum number of periods for a user: their excitation samples need some hundred megabytes.
 MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
-# Starts without a period by then are followed for this many times the periods: chaos may be a
-# transient. This number of its starts is followed this much longer again, and all of them if one
-# finds a period. The best start of each cycle then goes on, at most ROUNDS times, until it
-# converges.
+# Starts without a period are followed for LONGER times the periods, since chaos may be transient.
+# WITNESSES of an aperiodic motion's starts are followed LONGER times longer again, and all of them
+# if one becomes periodic. Then the best start of each cycle is followed until it converges, in at
+# most ROUNDS rounds.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
@@ -66,24 +66,24 @@ class Orbit:
 
     Attributes
     ----------
-    name : A, B, … in the order of their shares; of an unsteady motion its `kind`.
-    kind : "period 3" or "chaotic", or of an unsteady motion one of `UNSTEADY`.
+    name : A, B, … in the order of the shares; for an unsteady motion its `kind`.
+    kind : "period 3" or "chaotic", or for an unsteady motion one of `UNSTEADY`.
     period
-        Period of the motion in forcing periods; None if it does not repeat itself.
+        Period of the motion in forcing periods; None for an aperiodic motion.
     lyapunov
-        Largest Lyapunov exponent (1/s) of a motion without a period.
+        Largest Lyapunov exponent (1/s) of an aperiodic motion.
     starts
-        Number of starts that settled on it.
+        Number of starts that reached the motion.
     share, share_error : float
-        Share of all starts, and its standard error as if they were a random sample of the plane.
+        Share of all starts, and its standard error, as if they were a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
-        Means over whole cycles of the start that converged best; of a chaotic motion over the
+        Means over whole cycles of the start that converged best; for a chaotic motion, over the
         samples of all its starts; NaN without a steady motion.
     errors : dict of str to float
-        Errors of these three: the remaining transient, or of a chaotic motion the standard
-        error, and the step error; NaN if the samples are too few.
+        Errors of these means: the step error, and the remaining transient or, for a chaotic motion,
+        the standard error; NaN if there are too few samples.
     points : ndarray, shape (n, 2)
-        Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
+        Stroboscopic section: displacement and velocity at the starts of forcing periods.
     """
 
     name: str
@@ -101,23 +101,23 @@ class Orbit:
 
     @property
     def steady(self) -> bool:
-        """Whether it is a motion with a power."""
+        """Whether it is a steady motion, which has a mean power."""
         return self.kind not in UNSTEADY
 
     def text(self, name: str, unit: str) -> str:
-        """One of `QUANTITIES` with its error, for reading."""
+        """One of `QUANTITIES` with its error, as text."""
         return with_error(Estimate(getattr(self, name), self.errors[name], None, unit), unit)
 
 
 def periods_of(driven: Prepared) -> int:
-    """Forcing periods in which the device and its load forget where they began."""
+    """Number of forcing periods after which the initial state of device and load is negligible."""
     transient = transient_time(driven, SETTLED_SHARE)
     periods = transient / float(driven.scene.excitation.period or 1.0)
     return int(min(max(periods, FEWEST_PERIODS), MOST_PERIODS)) + 1
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Raise if the starts cannot be followed, or exceed the memory."""
+    """Raise if the number of periods is too small, or exceeds the memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -127,15 +127,15 @@ def check_periods(periods: int | None, fewest: int) -> None:
 def following(
     driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: all starts to where they settle.
+    """Generator for `Runner.follow`: follow all starts until they reach a steady motion.
 
-    `periods` None: as many as the device needs, and `LONGER` times as many and more for those that
-    have no period by then.
+    `periods` None: as many as the device needs, and at least `LONGER` times as many for aperiodic
+    starts.
 
     Returns
     -------
     ndarray, shape (starts, SAMPLES + 1, columns)
-        NaN for starts that time was too short for.
+        NaN for starts that were not followed because time ran out.
     """
     first = _first_periods(driven, periods)
     sample_count = min(SAMPLES, first - 1)
@@ -159,7 +159,7 @@ def _first_periods(driven, periods):
 
 
 def _wandering(samples):
-    """Indices of the starts that stay in range and have no period."""
+    """Indices of the starts that stay in range and are aperiodic."""
     inside = np.isfinite(samples).all(axis=(1, 2))
     states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)
     return np.flatnonzero(inside & (repetition(states) == 0))
@@ -173,7 +173,7 @@ def _groups(samples):
 
 
 class _Onwards(NamedTuple):
-    """Starts whose last samples, changed in place, are carried on."""
+    """Starts that are followed further; their last samples are updated in place."""
 
     scene: Scene
     engine: Engine
@@ -186,8 +186,8 @@ class _Onwards(NamedTuple):
         """Follow some starts from `done` to `total` times the periods."""
         if not len(places):
             return
-        # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
-        # capacitors and inductors have states too, so runs restart.
+        # With a resistor the samples contain the full state, so runs continue from them. A
+        # netlist's capacitors and inductors have further states, so runs restart.
         if self.scene.load.is_resistor:
             begin, times = self.samples[places, -1, :STATE], total - done
         else:
@@ -200,7 +200,7 @@ class _Onwards(NamedTuple):
 
 
 def _pieces(scene, engine, version, starts, periods, kept):
-    """Samples of all starts, divided into tasks of several starts each."""
+    """Yield tasks of several starts each, and return the samples of all starts."""
     calls = calls_of(scene, engine, starts, periods, kept)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
@@ -221,8 +221,11 @@ def _pieces(scene, engine, version, starts, periods, kept):
 def orbits_of(
     driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, followed by
-    the kinds of the other starts, and each start's index in these (−1: not followed)."""
+    """Generator for `Runner.follow`: the orbits that the starts reach.
+
+    Returns the orbits with their powers, followed by the kinds of the other starts, and the index
+    in this list for each start (−1: not followed).
+    """
     samples = yield from following(driven, engine, version, starts, periods)
     groups = _groups(samples)
     motions = yield from _cycles(driven, engine, version, starts, samples, groups, periods)
@@ -266,8 +269,8 @@ def orbits_of(
 def _cycles(driven, engine, version, starts, samples, groups, periods):
     """Periodic motions: the members of each, its best start's samples and its section.
 
-    The best start of each group goes on until it has converged; groups whose best starts come to
-    the same cycle are one motion.
+    The best start of each group is followed until it converges. Groups whose best starts reach the
+    same cycle are merged.
     """
     members = [group.members for group in groups if group.period]
     best = np.array(
@@ -295,7 +298,7 @@ def _remains(driven, samples):
 
 
 def _unsettled(driven):
-    """Why starts have not converged: a store of the load may be slower than they are followed."""
+    """Reason why starts have not converged, e.g. a store that is slower than the time followed."""
     load, period = driven.scene.load.circuit, float(driven.scene.excitation.period)
     stores = load and load.stores
     periods = transient_time(driven, SETTLED_SHARE) / period
@@ -317,7 +320,7 @@ def motion_of(driven: Prepared, samples: np.ndarray) -> tuple[int, str]:
 
 
 def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
-    """An outcome of some starts; without values one that is no steady motion."""
+    """An outcome of some starts; without values, an unsteady motion."""
     values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
     means, errors = (dict(zip(QUANTITIES, map(float, row), strict=True)) for row in values)
     points = np.empty((0, 2)) if points is None else points

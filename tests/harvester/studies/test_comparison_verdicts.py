@@ -71,10 +71,10 @@ def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
     closure = result(value, notes=("the load is fast",), share_in_wells=0.8)
     said, _ = texts(result(), {"consistent": closure})
     assert f"The closure consistent lies {side} in mean-square voltage, 6 standard" in said[-1]
-    assert "What is known: the load is fast; it is for motion inside a well" in said[-1]
+    assert "Known limits: the load is fast; it assumes motion in one well" in said[-1]
     assert "20% of the time outside the wells" in said[-1]
     said, _ = texts(result(), {"fokker_planck": result(value)})
-    assert said[-1].endswith("It does not say why.")
+    assert said[-1].endswith("No known limit explains this.")
 
 
 def test_a_bistable_closures_limit_is_not_told_of_a_single_well():
