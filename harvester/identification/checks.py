@@ -43,13 +43,13 @@ def check_impedance_alone(
     """
     if aside:
         raise IdentificationError(
-            "--keep-aside: an impedance alone cannot predict a record: give a record to fit too "
+            "--keep-aside: an impedance alone cannot predict a record: also give a record "
             "(--record)"
         )
     if free is not None:
         raise IdentificationError(
-            f"--free: an impedance alone determines {', '.join(determined)}, and no others: leave "
-            "--free out, or give a record too (--record)"
+            f"--free: an impedance alone determines {', '.join(determined)}, and no others: omit "
+            "--free, or also give a record (--record)"
         )
 
 

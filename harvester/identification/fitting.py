@@ -401,7 +401,7 @@ def _of_lines(shooting, first, scene, count, joint):
 
 
 def _line_windows(experiments):
-    """Edges, starts and initial noise of responses and impedances: one window without states each."""
+    """Edges, starts and initial noise of responses and impedances: one stateless window each."""
     sweeps = [experiment.measurement for experiment in experiments]
     edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
     return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]

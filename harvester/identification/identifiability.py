@@ -114,7 +114,7 @@ class Assumption:
         moved = ", ".join(
             f"{key.rpartition('.')[2]} by {move:+.2g} %" for key, move in self.dependent.items()
         )
-        change = f"these data imply a change of {self.change:+.2%} ± {HALF_INTERVAL * self.error:.2%} off"
+        change = f"these data imply {self.change:+.2%} ± {HALF_INTERVAL * self.error:.2%}"
         if not self.is_separable:
             change = "these data do not reveal its error"
         return f"{self.key} is assumed exact: +1 % changes {moved or 'no value'}; {change}"

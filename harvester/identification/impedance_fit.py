@@ -138,9 +138,10 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
             f"impedance fits a capacitance of {math.exp(parameters[0]):.3g} F with tan δ = "
-            f"{parameters[1]:.2g} with an error of {math.sqrt(left / frequency.size):.2g} of "
-            "itself: measure "
-            "around the device's resonance, with its base clamped and its electrodes connected"
+            f"{parameters[1]:.2g}, with a relative error of "
+            f"{math.sqrt(left / frequency.size):.2g}: "
+            "measure around the device's resonance, with its base clamped and its electrodes "
+            "connected"
         )
     return ButterworthVanDyke(parameters, error)
 

@@ -6,8 +6,8 @@ Multiscale Model. Simul. 19, 1474 (2021)):
 
     s ∫φ'' z = ∫φ [η − s c w − s² C2 |w| w − Σ kₙ sⁿ zⁿ − contacts − T],   x = s z, x' = s w.
 
-The nonlinear unknowns (the scale s of a motion derived from its voltage, the electrical rate, a
-gap) are searched on a grid.
+The nonlinear unknowns are searched on a grid: the scale s of a motion derived from its voltage, the
+electrical rate, and the gap.
 """
 
 from __future__ import annotations
@@ -48,12 +48,11 @@ class Motion:
     measured: bool
 
     def centred(self, place: float) -> Motion:
-        """The motion with its mean at a position; unchanged if the displacement itself was
-        measured."""
+        """The motion with its mean at `place`; unchanged if the displacement was measured."""
         return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
 
     def without_drift(self, measurement: Measurement) -> Motion:
-        """The motion with its slow drift removed by a high-pass."""
+        """The motion with its slow drift removed by a high-pass filter."""
         from scipy import signal
 
         if self.measured:
@@ -64,10 +63,10 @@ class Motion:
 
 
 def motion(trial: Trial) -> Motion:
-    """The motion that belongs to a record, computed with the scene's transducer.
+    """The motion of a record, computed with the scene's transducer.
 
-    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
-    x = ∫x' where the voltage follows the velocity at once.
+    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance; x =
+    ∫x' if the voltage is proportional to the velocity.
     """
     (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
@@ -129,16 +128,16 @@ def _driven_state(v, decay, rate):
     return lfilter([0.5 * gain, 0.5 * gain], [1.0, -share], v)
 
 
-# Length of a test function in periods of the motion, and how many begin within one length.
+# Length of a test function in periods of the motion, and number of test functions per length.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
-# The regression replaces a table of force by a polynomial of this degree.
+# The regression replaces a force table by a polynomial of this degree.
 TABLE_DEGREE = 5
-# The regression tries these factors of the capacitance and of the motion's size, and gaps of these
-# shares of the greatest displacement.
+# The regression tries these factors of the capacitance and of the motion's scale, and gaps of these
+# shares of the largest displacement.
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
-# Origins to try, in rms values of the motion: a motion within one well is far from the origin.
+# Origins to try, in rms values of the motion: motion in one well is far from the origin.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
 # Smallest damping ratio of a start.
@@ -147,7 +146,7 @@ LEAST_DAMPING_RATIO = 0.003
 
 @dataclass(frozen=True)
 class StartingPoint:
-    """Values of the unknowns, and the motion of each experiment that goes with them.
+    """Values of the unknowns, and the corresponding motion of each experiment.
 
     Attributes
     ----------
@@ -161,8 +160,7 @@ class StartingPoint:
 def as_it_is(
     responses: Responses, values: np.ndarray, centre: float | None = None
 ) -> StartingPoint:
-    """The start at given values with the motions that follow from them, centred if `centre`
-    is given."""
+    """The start at given values with the corresponding motions, centred if `centre` is given."""
     motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
     if centre is not None:
         motions = [path.centred(centre) for path in motions]
@@ -177,10 +175,10 @@ def regressed(
     Parameters
     ----------
     unknowns : sequence of Unknown
-        Their bounds, and their starts for those that a regression does not give.
+        The unknowns, with bounds, and starts for those that the regression does not determine.
     drifts : bool
-        Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
-        wells; otherwise it only adds noise.
+        Whether to keep the slow part of an integrated voltage: it is needed if the mass changes
+        wells, and only adds noise otherwise.
     """
     values, low, high = (
         np.array([getattr(unknown, name) for unknown in unknowns])
@@ -201,7 +199,7 @@ def regressed(
         if responses.at(number, changed).device is None:
             continue
         start = as_it_is(responses, changed)
-        # The regression gives only this record's origin; the other records' motions begin about the
+        # The regression gives only this record's origin; the other records' motions start about the
         # same place.
         motions = [path.centred(origin) for path in start.motions]
         starts.append(StartingPoint(changed, motions))
@@ -225,7 +223,7 @@ class _Regression:
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
-        # The transducer's force has a coefficient to be fitted: β of a scaled scene.
+        # The transducer's force has a coefficient to be fitted (β of a scaled scene).
         self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
         # The drive has an unknown factor, and the motion a known scale.
         self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
@@ -274,7 +272,9 @@ class _Regression:
         return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
 
     def _columns(self, share):
-        """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
+        """Columns of the regression (integrals of terms, divided by s) by their coefficients'
+        names.
+        """
         z = self.z / self.unit
         columns = {"damping": self.damping}
         if DRAG in self.known:
@@ -301,7 +301,7 @@ class _Regression:
 
         The right-hand side is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
-        # A term with an unknown coefficient is among the columns and left out here.
+        # A term with an unknown coefficient is a column, and is omitted here.
         drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
         terms = np.column_stack([drive, -self.inertia, force])
         norms = np.linalg.norm(columns, axis=0)
@@ -332,11 +332,11 @@ class _Regression:
         }
         if "drag" in found:
             changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
-        # Of a scaled scene β is in proportion to the force, of others the coupling to 1/s.
+        # In a scaled scene β is proportional to the force, otherwise the coupling to 1/s.
         for key in ("piezo.coupling", "coil.coupling"):
             changes[key] = self._value(key) * found.get("force", 1.0 / s)
         if found.get("drive"):
-            # The drive is the base factor over the sensor's scale; only one of them is free.
+            # The drive is the base factor divided by the sensor's scale; only one of them is free.
             changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
             changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
         if share is not None:
@@ -345,7 +345,7 @@ class _Regression:
         return {**self.known, **solved}, shift
 
     def _value(self, key):
-        """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
+        """Value of a scene's key, whether free or not; 0 if the scene has no such key."""
         return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
 
     def _stops(self, found, s, share, shift):
@@ -365,8 +365,9 @@ class _Regression:
         return changes
 
     def _shifts(self, found, s):
-        """Likely mean displacements: those for which the coefficients that are not free keep
-        their values."""
+        """Likely mean displacements: those at which the coefficients that are not free keep their
+        values.
+        """
         if not self.centred:
             return [s * self.offset]
         fixed = self._kept_coefficients()
@@ -385,7 +386,7 @@ class _Regression:
         return [float(ORIGINS[index] * rms) for index in best]
 
     def _kept_coefficients(self):
-        """Scaled coefficients of the spring that are not free, by their powers."""
+        """Scaled spring coefficients that are not free, by power."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
             if spring_key(self.scene.oscillator, n) not in self.known:
@@ -395,7 +396,7 @@ class _Regression:
 
 
 def _powers(oscillator):
-    """(F0, k1, …) in the scene's units; of a table the coefficients of a polynomial near it."""
+    """(F0, k1, …) in the scene's units; for a table, coefficients of a fitted polynomial."""
     if oscillator.force_table is None:
         return [k or 0.0 for k in oscillator.coefficients]
     displacement, force = np.array(oscillator.force_table).T
@@ -410,13 +411,13 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
 
 
 def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
-    """All starts worth a trial: the scene as it is, and regressions on each record."""
+    """All starts to try: the scene's values, and regressions on each record."""
     values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
     for number, experiment in enumerate(responses.experiments):
         starts += regressed(responses, unknowns, number, True)
         if "displacement" not in experiment.measurement.outputs:
-            # An integrated voltage has a slow drift: the motion is tried without it, too.
+            # An integrated voltage has a slow drift, so the motion is also tried without it.
             starts += regressed(responses, unknowns, number, False)
     system, _ = responses.at(0, values).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
@@ -427,7 +428,7 @@ def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[Start
 
 
 def _with_velocity_scale(responses, start):
-    """The start with the free scale of a velocity's sensor as its motion has it."""
+    """The start with the free scale of a velocity sensor that fits its motion."""
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):

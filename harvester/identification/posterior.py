@@ -1,8 +1,8 @@
-"""The posterior of a fit's values by Markov chains: flat priors within the bounds.
+"""Sample the posterior of a fit's values by Markov chains, with flat priors within the bounds.
 
-Residuals are assumed independent and normal, as large as the fit left them; the windows' starts
-are eliminated to first order. An ensemble of walkers that is invariant under linear changes of the
-values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)), by emcee.
+Residuals are assumed independent and normal, with the variance of the fit; the windows' starts are
+eliminated to first order. The sampler is emcee's ensemble of walkers, which is invariant under
+linear changes of the values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
 
 WALKERS_PER_VALUE = 4
-# Steps between two checks of convergence, and most steps; the first part of a chain is left out.
+# Steps between two checks of convergence, and maximum number; the first part is discarded.
 STEPS, MOST_STEPS = 100, 1500
 LEFT_OUT = 0.25
-# A chain is long enough for its quantiles after this many correlation times.
+# A chain is long enough for its quantiles after this number of correlation times.
 ENOUGH_TIMES = 30.0
-# Ends of a 95 % interval.
+# Quantiles of a 95 % interval.
 QUANTILES = (0.025, 0.975)
 
 
@@ -40,7 +40,7 @@ class Posterior:
     independent : float
         Effective number of independent draws.
     accepted : float
-        Share of the proposed moves.
+        Share of the proposed moves that were accepted.
     """
 
     keys: list[str]
@@ -75,7 +75,7 @@ def posterior(
     Parameters
     ----------
     follow : callable, optional
-        Function of the share done.
+        Function of the completed share.
 
     Raises
     ------
@@ -107,7 +107,9 @@ def posterior(
 
 
 def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
-    """Logarithm of the posterior's density, up to a constant, as a function of the values."""
+    """Return the logarithm of the posterior's density, up to a constant, as a function of the
+    values.
+    """
     shooting, fit = found.shooting, found.fit
     shooting.linearized(fit)
     bases, free = [], -len(found.keys)

@@ -188,7 +188,7 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """The point with the highest first quantity, by engines, or by closures if no engine ran."""
+        """Point of the highest first quantity, by engines, or by closures if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:

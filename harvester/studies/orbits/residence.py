@@ -320,7 +320,7 @@ def staying(
 def stays_of(
     prepared_scene: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
 ) -> list[ResidenceTime]:
-    """Mean residence times from `times` in wells and `exits`, both (realizations, batches, wells)."""
+    """Mean residence times; `times` in wells and `exits` have (realizations, batches, wells)."""
     system = prepared_scene.system
     wells = sorted(timescales.wells(system))
     if len(wells) == 2 and system.symmetric:
@@ -372,7 +372,7 @@ def require_wells(prepared_scene: Prepared) -> None:
         )
     if not scene.excitation.random:
         raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": residence times are those '
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": residence times need '
             "noise; under a sine use harvester basins"
         )
 
