@@ -180,7 +180,7 @@ class ValidationRecord:
         return mean_of(block_means(seen - left) / float(np.mean(seen)))
 
     def free_power(self) -> Estimate:
-        """Mean power (or square) of a run from one start, which may diverge from the measured path."""
+        """Mean power (or square) of a run from one start, which may leave the measured path."""
         return mean_of(block_means(self._compared_values(self.free)))
 
     def _compared_values(self, values):
@@ -500,7 +500,7 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
-        """Whether the residuals are compatible with white noise; false alarms: one in a thousand."""
+        """Whether the residuals are compatible with white noise (false alarms: one in 1000)."""
         return self.probability > 1e-3
 
 

@@ -77,7 +77,7 @@ class FitEvidence:
 
     @property
     def worst(self) -> ValidationRecord:
-        """The record with the largest residual in excess of noise; unexplained records come first."""
+        """The record with the largest residual beyond noise; unexplained records come first."""
         return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
 
 
