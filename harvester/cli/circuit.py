@@ -147,9 +147,9 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
     # The load has no file yet, so messages name the lines of the netlist.
     lines = enumerate(converted.cards, start=1)
-    places = {f"{target.name}:{number}": card.where for number, card in lines}
+    origins = {f"{target.name}:{number}": card.where for number, card in lines}
     cards = [
-        tidy(card._replace(where=places.get(card.where, card.where)))
+        tidy(card._replace(where=origins.get(card.where, card.where)))
         for card in read_cards(target, converted.text)
     ]
     notes = following_notes(read_load(target, cards=cards), RECORD)

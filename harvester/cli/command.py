@@ -114,12 +114,14 @@ class Command:
             # State the computing time of a load with fast switching.
             for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
                 say(note)
-        places = {kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")}
+        outputs = {
+            kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")
+        }
         parameters = options_of(self.target)
         defaults = {name: option.default for name, option in parameters.items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        check_places(**places, names=[name])
+        check_places(**outputs, names=[name])
         # The progress bar of a single run names its method.
         label, seconds = self.name.replace("-", " "), 0.0
         if self.is_run and scene:
@@ -131,11 +133,11 @@ class Command:
                     values["progress"] = report
                 if self.takes_runner:
                     # The runner's folder stays locked until the result's files are written into it.
-                    running = {**self._running(values), "output": places["output"]}
+                    running = {**self._running(values), "output": outputs["output"]}
                     opening = study_runner(**running, progress=report)
                     values["runner"] = opened.enter_context(opening)
-                result = self._computed(scene, values, places["json"])
-            self._deliver(result, name, **places)
+                result = self._computed(scene, values, outputs["json"])
+            self._deliver(result, name, **outputs)
         return 1 if self.failed and self.failed(result) else 0
 
     def _scene(self, values: dict[str, Any]) -> Scene | None:
@@ -155,8 +157,8 @@ class Command:
     def _running(self, values: dict[str, Any]) -> dict[str, Any]:
         """Pop the runner's options from the options of the function."""
         running: Any = self.running(values) if self.running else {}
-        given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
-        return running | {name: values.pop(name) for name in given}
+        names = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
+        return running | {name: values.pop(name) for name in names}
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function with the scene and the positional arguments first."""

@@ -122,8 +122,8 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
     if words[0] == "help":
         words = [*words[1:2], "--help"]
     # An option before the command's name belongs to the command.
-    places = words if words[0].startswith("-") else words[:1]
-    called = next((word for word in places if word in COMMANDS), None)
+    candidates = words if words[0].startswith("-") else words[:1]
+    called = next((word for word in candidates if word in COMMANDS), None)
     app = app_of([called]) if called else app_of(COMMANDS, listed=True)
     try:
         function, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)

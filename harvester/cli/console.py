@@ -104,15 +104,15 @@ class _Lines:
             return
         self._next = 2.0 * elapsed
         began, before = self._first or (now, self._share)
-        left, done = self._words, self._share - before
+        remaining, done = self._words, self._share - before
         if self._share >= 1.0:
-            left = "evaluating the results"
+            remaining = "evaluating the results"
         elif done > 0.0:
-            left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
+            remaining = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
         elif self._first and not self._share:
-            left = f"{self._words}: {STARTING}"
+            remaining = f"{self._words}: {STARTING}"
         share = f"{self._share:.2%} " if self._share else ""
-        print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
+        print(f"{self._label}: {share}after {elapsed:.0f} s, {remaining}", file=sys.stderr)
 
 
 def _duration(seconds):

@@ -158,10 +158,10 @@ def questions(scene: Scene) -> Iterator[Question]:
     for table, cls, values in rows_of(scene.to_tables()):
         for name, spec in cls.KEYS.items():
             groups = [group.keys for group in cls.ALTERNATIVES if name in group.keys]
-            others = [other for keys in groups for other in keys if other != name]
+            alternatives = [other for keys in groups for other in keys if other != name]
             names = [
                 other
-                for other in (name, *others)
+                for other in (name, *alternatives)
                 if scene.units in cls.KEYS[other].units
                 and (other == name or cls.KEYS[other].is_number)
             ]

@@ -55,8 +55,8 @@ def options_shown(function: Callable) -> Iterator[tuple[Option, str]]:
     """Yield the options of a command, each with its help, in the docstring's order."""
     options, documented = options_of(function), described(function)
     hidden = described(function, "other_param").keys() - documented.keys()
-    others = {n: text for n, text in described(RunnerOptions).items() if n not in documented}
-    for name, text in (documented | others).items():
+    inherited = {n: text for n, text in described(RunnerOptions).items() if n not in documented}
+    for name, text in (documented | inherited).items():
         if name == "scene" and is_scene(options[name]):
             yield options[name]._replace(kind=Kind("SCENE"), type=str, passing=WORD), SCENE_HELP
             yield Option.of("overrides", Overrides), SET_HELP

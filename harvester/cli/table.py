@@ -110,7 +110,7 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
     )
     for number, (title, commands) in enumerate(GROUPS.items()):
         group = Group(title, sort_key=number)
-        for place, command in enumerate(commands):
+        for position, command in enumerate(commands):
             if command.name in names:
                 text = inspect.getdoc(command.target) or ""
                 paragraphs = re.split(SECTION, text)[0].split("\n\n")
@@ -120,7 +120,7 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
                     help="\n\n".join(" ".join(lines.split()) for lines in paragraphs),
                     help_epilogue=f"example: {' '.join(example[1].split())}" if example else None,
                     group=group,
-                    sort_key=place,
+                    sort_key=position,
                     default_command=None if listed else command.callback(scenes),
                 )
                 app.command(subcommand)

@@ -177,16 +177,19 @@ class Fitted:
             force += [0.0] * (max(powers) + 1 - len(force))
             spring = {"oscillator.restoring_force": force}
             scene, free = scene.replace(spring), as_coefficients(free)
-            experiments = [replace(one, scene=one.scene.replace(spring)) for one in experiments]
+            experiments = [
+                replace(experiment, scene=experiment.scene.replace(spring))
+                for experiment in experiments
+            ]
         old = zip(unknowns(scene, free, self.sizes), self.values, strict=True)
         # The added values start near 0, so their sizes are those of the motion.
         added = [
-            replace(one, size=self.sizes.get(one.key, one.size))
-            for one in unknowns(scene, keys, self.sizes)
+            replace(unknown, size=self.sizes.get(unknown.key, unknown.size))
+            for unknown in unknowns(scene, keys, self.sizes)
         ]
         every = [*(unknown.begun(value) for unknown, value in old), *added]
-        responses = responses.replaced(experiments, [one.key for one in every])
-        fit = replace(self.fit, values=np.array([one.start for one in every]))
+        responses = responses.replaced(experiments, [unknown.key for unknown in every])
+        fit = replace(self.fit, values=np.array([unknown.start for unknown in every]))
         return self.shooting.beside(responses, every), fit, scene
 
 
@@ -237,8 +240,8 @@ def _interpolations(measurements):
         for record in measurements
         if not isinstance(record, MeasuredResponse)
     ]
-    few = min(rates, default=FEWEST_FOR_LINES) < FEWEST_FOR_LINES
-    return INTERPOLATIONS[1:] if few else INTERPOLATIONS
+    is_sparse = min(rates, default=FEWEST_FOR_LINES) < FEWEST_FOR_LINES
+    return INTERPOLATIONS[1:] if is_sparse else INTERPOLATIONS
 
 
 def fitted(
@@ -319,12 +322,12 @@ def fitted(
         ]
     # The base's path between the samples is unknown: if another interpolation fits equally well,
     # the difference between the fits is an error.
-    others = [
+    alternatives = [
         other.values - fit.values
         for interpolation, other in fits
         if interpolation != responses.interpolation and _misfit(other) - _misfit(fit) < RULED_OUT
     ]
-    covariance = sum((np.outer(d, d) for d in others), intervals.covariance(shooting, fit))
+    covariance = sum((np.outer(d, d) for d in alternatives), intervals.covariance(shooting, fit))
     records: list[Any] = []
     settled = None
     if times:
@@ -336,8 +339,8 @@ def fitted(
             settled = followed(alone, settled)
         records = [validated(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
-    kept = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
-    records += [predicted_lines(kept, fit.values, len(times) + n) for n in range(len(lines))]
+    held_out = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
+    records += [predicted_lines(held_out, fit.values, len(times) + n) for n in range(len(lines))]
     return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
 
 

@@ -144,16 +144,16 @@ def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
     Keys are fixed one after another; the covariance of the others is then conditional on them.
     """
     unknowns, values, matrix = list(fitted.shooting.unknowns), fitted.values, fitted.covariance
-    kept: list[tuple[str, Undetermined]] = []
+    fixed: list[tuple[str, Undetermined]] = []
     while len(unknowns) > 1 and (directions := undetermined(unknowns, values, matrix)):
         keys = directions[0].keys
         first = next((key for name in KEPT_FIRST for key in keys if key.endswith(name)), keys[0])
-        kept.append((first, directions[0]))
+        fixed.append((first, directions[0]))
         n = [unknown.key for unknown in unknowns].index(first)
         del unknowns[n]
         matrix = matrix - np.outer(matrix[n], matrix[n]) / matrix[n, n]
         values, matrix = np.delete(values, n), np.delete(np.delete(matrix, n, 0), n, 1)
-    return kept
+    return fixed
 
 
 def _determined_powers(relative, members):
@@ -181,15 +181,15 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     suspected : sequence of str, optional
         Keys; by default all sensors' gains, the loads' resistances and the mass.
     """
-    known = _known(fitted.shooting.responses, suspected)
-    if not known:
+    assumed = _known(fitted.shooting.responses, suspected)
+    if not assumed:
         return []
-    problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in known])
+    problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
     equations = normal_equations(problem, fit, at_minimum=False)
     p = len(fitted.keys)
     units = units_of(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
     result = []
-    for index, (key, records) in enumerate(known):
+    for index, (key, records) in enumerate(assumed):
         alone = equations.of([*range(p), p + index])
         moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))

@@ -338,9 +338,9 @@ class Identification(ResultBase):
         model = rival.fitted if rival and rival.fitted else self.fitted
         errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
         comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
-        for key, known in self.dependent.items():
+        for key, assumed in self.dependent.items():
             if key in comments:
-                comments[key] += f", if {_condition(known)}"
+                comments[key] += f", if {_condition(assumed)}"
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; only as accurate as the accelerometer's scale"
         for direction in model.undetermined:
@@ -361,9 +361,9 @@ class Identification(ResultBase):
         return files
 
 
-def _condition(known):
+def _condition(assumed):
     """Text on the assumed value that limits the accuracy of a value."""
-    names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
+    names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in assumed]
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 
 

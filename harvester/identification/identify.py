@@ -146,7 +146,7 @@ def identify(
         measurements.append(analysed.measured)
     stages.begin(0.0, MODELS_BEGIN, "fit")
     try:
-        base, kept = _determined(begun, measurements, keys, free is None, stages)
+        base, fixed = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
@@ -183,7 +183,7 @@ def identify(
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=kept,
+        kept=fixed,
         evidence=evidence,
         verdict=verdict(evidence),
         posterior=posterior_of(base, scene.run.seed, stages) if posterior else None,
@@ -237,7 +237,7 @@ def _determined(
     model = fitted(scene, measurements, keys, follow=follow)
     while drop and (unclear := to_keep(model)) and model.follows:
         undetermined += unclear
-        kept = {key for key, _ in undetermined}
-        keys = [key for key in model.keys if key not in kept]
+        fixed = {key for key, _ in undetermined}
+        keys = [key for key in model.keys if key not in fixed]
         model = fitted(scene, measurements, keys, follow=follow)
     return model, undetermined

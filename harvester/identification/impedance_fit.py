@@ -121,25 +121,27 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     IdentificationError
         The impedance shows no resonance.
     """
-    parameters, left, error = _polished(frequency, impedance, _linear(frequency, impedance, []))
+    parameters, remaining_cost, error = _polished(
+        frequency, impedance, _linear(frequency, impedance, [])
+    )
     samples = 2 * frequency.size
     for _ in range(MOST_MODES):
         begun = _with_another(frequency, impedance, parameters)
         trial, remaining, trial_error = _polished(frequency, impedance, begun)
-        gained = samples * math.log(left / max(remaining, 1e-300))
+        gained = samples * math.log(remaining_cost / max(remaining, 1e-300))
         shapes = np.exp(trial[2:].reshape(-1, 3))
         inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
         if gained < SURE_OF_MODE + 3.0 * math.log(samples) or not inside.all():
             break
         if (shapes[:, 1] < LOWEST_QUALITY).any():
             break
-        parameters, left, error = trial, remaining, trial_error
+        parameters, remaining_cost, error = trial, remaining, trial_error
     if parameters.size == 2:
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
             f"impedance fits a capacitance of {math.exp(parameters[0]):.3g} F with tan δ = "
             f"{parameters[1]:.2g}, with a relative error of "
-            f"{math.sqrt(left / frequency.size):.2g}: "
+            f"{math.sqrt(remaining_cost / frequency.size):.2g}: "
             "measure around the device's resonance, with its base clamped and its electrodes "
             "connected"
         )
@@ -178,10 +180,10 @@ def _with_another(frequency, impedance, parameters):
     table, target = _equations(frequency, impedance, shapes)
     basis, _ = np.linalg.qr(table)
     target = target - basis @ (basis.T @ target)
-    places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
-    best, most = (places[0], QUALITIES[0]), 0.0
+    candidates = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
+    best, most = (candidates[0], QUALITIES[0]), 0.0
     for quality in QUALITIES:
-        trial = _unit_branch(frequency[:, None], places, quality) * impedance[:, None]
+        trial = _unit_branch(frequency[:, None], candidates, quality) * impedance[:, None]
         table = _stacked(trial)
         sizes = np.linalg.norm(table, axis=0)
         table = table - basis @ (basis.T @ table)
@@ -190,7 +192,7 @@ def _with_another(frequency, impedance, parameters):
         # Only branches with a positive motional capacitance are candidates.
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
-            most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
+            most, best = float(gains.max()), (float(candidates[gains.argmax()]), float(quality))
     begun = _linear(frequency, impedance, [*shapes, best])
     return _by_frequency(begun)
 

@@ -121,29 +121,29 @@ def normal_equations(
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        states, left = table[..., p : p + 3], table[..., -1]
-        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, left))
+        states, residuals = table[..., p : p + 3], table[..., -1]
+        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, residuals))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
-    gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
+    gradient = sum(np.einsum("noi,no->i", columns, residuals) for columns, _, residuals in parts)
     inverse = _inverse(normal + _ridge(normal))
     step = 0.0 * gradient if at_minimum else -inverse @ gradient
     meats = []
-    for number, (columns, states, left) in enumerate(parts):
-        left = left + columns @ step
+    for number, (columns, states, residuals) in enumerate(parts):
+        residuals = residuals + columns @ step
         if isinstance(shooting.responses.experiments[number], SteadyExperiment):
             # Lines of a response or an impedance are few, and their residuals mostly white.
-            free = max(left.shape[0] - columns.shape[-1] / left.shape[1], 1.0)
-            sizes = [float(part @ part) / free * correlation_factor(part) for part in left.T]
+            free = max(residuals.shape[0] - columns.shape[-1] / residuals.shape[1], 1.0)
+            sizes = [float(part @ part) / free * correlation_factor(part) for part in residuals.T]
             meats.append((np.einsum("o,noi,noj->ij", sizes, columns, columns),) * 3)
             continue
-        free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
-        scores = np.einsum("noi,no->ni", columns, left)
+        free = residuals.shape[0] - 3 * (fit.edges[number].size - 1) - p
+        scores = np.einsum("noi,no->ni", columns, residuals)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        noise = _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
-        fitted_away = left.shape[0] / max(free, 1)
+        noise = _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse)
+        fitted_away = residuals.shape[0] / max(free, 1)
         meats.append(
             (
-                _meat(columns, left) * fitted_away,
+                _meat(columns, residuals) * fitted_away,
                 blocks.T @ blocks * BLOCKS / (BLOCKS - 1),
                 noise,
             )
@@ -225,7 +225,7 @@ def _inverse(normal):
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
 
-def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse):
+def _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse):
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
     It is zero without a recorded base motion. `states`: the residuals' derivatives by the windows'
@@ -234,7 +234,7 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
-    random, (samples, outputs) = np.random.default_rng(0), left.shape
+    random, (samples, outputs) = np.random.default_rng(0), residuals.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)
     for output in range(outputs):
@@ -244,13 +244,13 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     scores = np.einsum("noi,nod->id", columns, drawn)
     # The fit removes the part of the noise that the windows' starts and the values explain.
     drawn -= columns @ (inverse @ scores)
-    of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
+    of_base, of_outputs = _sizes(residuals, drawn.reshape(samples, outputs, -1, DRAWS))
     of_draws = scores[:, :DRAWS]
     from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
-def _sizes(left, drawn):
+def _sizes(residuals, drawn):
     """Share of the simulated base noise's power in the residuals, and each output's mean square.
 
     The share is 1 (the noise of the base's record), unless the residuals require more, or exclude
@@ -258,8 +258,8 @@ def _sizes(left, drawn):
     """
     from scipy.optimize import nnls
 
-    samples = left.shape[0]
-    spectrum = (np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples).T.ravel()
+    samples = residuals.shape[0]
+    spectrum = (np.abs(np.fft.rfft(residuals, axis=0)[1:]) ** 2 / samples).T.ravel()
     powers = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
     parts = powers.swapaxes(0, 1).reshape(spectrum.size, -1)
     explained = np.full(spectrum.size, np.maximum(spectrum.mean(), 1e-300))

@@ -193,17 +193,17 @@ def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
         values = record.acceleration - record.acceleration.mean()
         power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
         gathered = np.cumsum(power)
-        places = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
+        indices = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
         frequencies = np.fft.rfftfreq(values.size, 1.0 / record.sampling_rate)
-        ends.append(frequencies[np.minimum(places, frequencies.size - 1)])
+        ends.append(frequencies[np.minimum(indices, frequencies.size - 1)])
     return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
 def _outside(system, length, ranges, si, several_loads):
     """Features of the device outside the covered displacements."""
 
-    def at(place):
-        return f"{1e3 * place:.3g} mm" if si else f"{place:.3g}"
+    def at(position):
+        return f"{1e3 * position:.3g} mm" if si else f"{position:.3g}"
 
     parts = []
     wells = [length * well for well in timescales.wells(system)]
@@ -228,9 +228,10 @@ def _outside(system, length, ranges, si, several_loads):
     return tuple(parts)
 
 
-def _inside(ranges, place):
+def _inside(ranges, position):
     return any(
-        low - MARGIN * (high - low) <= place <= high + MARGIN * (high - low) for low, high in ranges
+        low - MARGIN * (high - low) <= position <= high + MARGIN * (high - low)
+        for low, high in ranges
     )
 
 
@@ -383,12 +384,14 @@ def _problem(fitted, measurement, draw, values=None):
     starts.
     """
     keys = list(measurement.own) if values is None else []
-    known = dict(zip(fitted.keys, map(float, draw), strict=True))
-    known |= zip(measurement.own, () if values is None else map(float, values), strict=not keys)
-    known = {key: value for key, value in known.items() if key not in keys}
+    values_by_key = dict(zip(fitted.keys, map(float, draw), strict=True))
+    values_by_key |= zip(
+        measurement.own, () if values is None else map(float, values), strict=not keys
+    )
+    values_by_key = {key: value for key, value in values_by_key.items() if key not in keys}
     # Drawn values define a valid device, since the fitted records were simulated with them.
-    scene = with_values(fitted.scene, [*known], known.values()) or fitted.scene
-    sensors = {key: value for key, value in known.items() if key.startswith("sensor.")}
+    scene = with_values(fitted.scene, [*values_by_key], values_by_key.values()) or fitted.scene
+    sensors = {key: value for key, value in values_by_key.items() if key.startswith("sensor.")}
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
     record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
     responses = fitted.shooting.responses.replaced([record], keys)
@@ -409,11 +412,11 @@ def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
             "check the columns' units and signs, or give the value"
         )
     begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
-    others = [
+    local_values = [
         _problem(fitted, measurement, draw).minimized(begun, ON_THE_WAY, COARSE).values
         for draw in draws[1:]
     ]
-    return problem, fit, [fit.values, *others]
+    return problem, fit, [fit.values, *local_values]
 
 
 def _followed(problem, noise, ranges, reach, enough):
@@ -504,10 +507,10 @@ def _orbit(x, saddles, edges, period):
 
 def _with_error(estimate, drawn, model_error):
     """An estimate whose error includes the errors of the values and of the model."""
-    others = np.array(drawn) - drawn[0]
+    deviations = np.array(drawn) - drawn[0]
     error = math.sqrt(
         estimate.standard_error**2
-        + float(np.mean(others[1:] ** 2) if others.size > 1 else 0.0)
+        + float(np.mean(deviations[1:] ** 2) if deviations.size > 1 else 0.0)
         + (model_error * estimate.estimate) ** 2
     )
     return replace(estimate, standard_error=error)

@@ -47,9 +47,11 @@ class Motion:
     state: np.ndarray
     measured: bool
 
-    def centred(self, place: float) -> Motion:
+    def centred(self, position: float) -> Motion:
         """The motion with its mean at `place`; unchanged if the displacement was measured."""
-        return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
+        return (
+            self if self.measured else replace(self, x=self.x + (position - float(self.x.mean())))
+        )
 
     def without_drift(self, measurement: Measurement) -> Motion:
         """The motion with its slow drift removed by a high-pass filter."""
@@ -194,8 +196,8 @@ def regressed(
     starts: list[StartingPoint] = []
     if best is None:
         return starts
-    for known, origin in best.results():
-        changed = np.clip(list(known.values()), low, high)
+    for fitted_values, origin in best.results():
+        changed = np.clip(list(fitted_values.values()), low, high)
         if responses.at(number, changed).device is None:
             continue
         start = as_it_is(responses, changed)
@@ -307,40 +309,40 @@ class _Regression:
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
-        left = terms - columns @ solutions
+        residuals = terms - columns @ solutions
         size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
         powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
         return [
-            (np.linalg.norm(left @ scale_powers) / size, solutions @ scale_powers, s)
+            (np.linalg.norm(residuals @ scale_powers) / size, solutions @ scale_powers, s)
             for scale_powers, s in zip(powers, factors, strict=True)
         ]
 
-    def _force(self, found, s):
+    def _force(self, terms, s):
         """Coefficients of F as a polynomial of s z, scaled."""
-        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
+        return np.array([terms[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
 
-    def _translated(self, found, s, share, shift):
+    def _translated(self, terms, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
         mass, length = self.mass, self.scales.displacement
-        moved = shifted(self._force(found, s), shift)
+        moved = shifted(self._force(terms, s), shift)
         stiffness = abs(moved[1]) if moved.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
-        changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
+        changes = {"oscillator.damping": mass * max(terms["damping"] / s, least)}
         changes |= {
             spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
             for n, k in enumerate(moved)
         }
-        if "drag" in found:
-            changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
+        if "drag" in terms:
+            changes[DRAG] = mass / length * max(terms["drag"] / s**2, 0.0)
         # In a scaled scene β is proportional to the force, otherwise the coupling to 1/s.
         for key in ("piezo.coupling", "coil.coupling"):
-            changes[key] = self._value(key) * found.get("force", 1.0 / s)
-        if found.get("drive"):
+            changes[key] = self._value(key) * terms.get("force", 1.0 / s)
+        if terms.get("drive"):
             # The drive is the base factor divided by the sensor's scale; only one of them is free.
-            changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
-            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
+            changes[BASE_SCALE] = self._value(BASE_SCALE) / terms["drive"]
+            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * terms["drive"]
         if share is not None:
-            changes |= self._stops(found, s, share, shift)
+            changes |= self._stops(terms, s, share, shift)
         solved = {k: changes[k] for k in self.known if np.isfinite(changes.get(k, np.nan))}
         return {**self.known, **solved}, shift
 
@@ -348,7 +350,7 @@ class _Regression:
         """Value of a scene's key, whether free or not; 0 if the scene has no such key."""
         return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
 
-    def _stops(self, found, s, share, shift):
+    def _stops(self, terms, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
         mass, length = self.mass, self.scales.displacement
         changes = {}
@@ -358,13 +360,13 @@ class _Regression:
             right = share * self.z.max() * s + shift
             left = -share * self.z.min() * s - shift
             gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[stop.side]
-            push = found[f"contact{index}"] / s**stop.exponent
+            push = terms[f"contact{index}"] / s**stop.exponent
             changes[f"{table}.gap"] = gap * length
             if push > 0.0:
                 changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - stop.exponent)
         return changes
 
-    def _shifts(self, found, s):
+    def _shifts(self, terms, s):
         """Likely mean displacements: those at which the coefficients that are not free keep their
         values.
         """
@@ -373,7 +375,7 @@ class _Regression:
         fixed = self._kept_coefficients()
         if not fixed:
             return [0.0]
-        force, rms = self._force(found, s), s * self.unit
+        force, rms = self._force(terms, s), s * self.unit
         off = np.zeros(ORIGINS.size)
         for index, origin in enumerate(ORIGINS * rms):
             moved = shifted(force, origin)
@@ -422,8 +424,8 @@ def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[Start
     system, _ = responses.at(0, values).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
-    places = [*wells[:1]] if measured else [*wells, *saddles]
-    starts += [as_it_is(responses, values, centre) for centre in places]
+    positions = [*wells[:1]] if measured else [*wells, *saddles]
+    starts += [as_it_is(responses, values, centre) for centre in positions]
     return [_with_velocity_scale(responses, start) for start in starts]
 
 
@@ -434,6 +436,6 @@ def _with_velocity_scale(responses, start):
     for number, path in enumerate(start.motions):
         trial = responses.at(number, start.values)
         if scale := trial.velocity_scale(path.v * responses.length):
-            known = {**trial.known, VELOCITY_SCALE: abs(scale)}
-            return StartingPoint(np.array(list(known.values())), start.motions)
+            values = {**trial.known, VELOCITY_SCALE: abs(scale)}
+            return StartingPoint(np.array(list(values.values())), start.motions)
     return start

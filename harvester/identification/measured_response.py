@@ -295,9 +295,9 @@ def read_impedance(
     return impedance
 
 
-def _columns(measured, given):
+def _columns(measured, settings):
     """Frequency (Hz) and Z (Ω) from the file's columns."""
-    columns = measured.columns(SETTINGS, given, _candidates)
+    columns = measured.columns(SETTINGS, settings, _candidates)
     if "frequency" not in columns:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
@@ -308,7 +308,7 @@ def _columns(measured, given):
     parts = {"resistance", "reactance"}
     forms = [form for form in (polar, parts) if form <= set(columns)]
     # Columns named by the user take precedence over those identified by headings.
-    form = max(forms, key=lambda form: bool(form & set(given)), default=None)
+    form = max(forms, key=lambda form: bool(form & set(settings)), default=None)
     if form is None:
         raise SceneError(
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
@@ -345,7 +345,7 @@ def _values(measured, quantity, index, stated):
     return values * QUANTITIES[quantity][unit]
 
 
-def _check_phase(measured, place, values, unit):
+def _check_phase(measured, index, values, unit):
     """Raise if degrees are likely radians, or radians degrees."""
     largest = float(np.abs(values).max())
     limit = math.radians(LARGEST_PHASE)
@@ -364,7 +364,7 @@ def _check_phase(measured, place, values, unit):
     else:
         return
     raise SceneError(
-        f"{measured.where}: {measured.label(place)} is within ±{largest:.3g} {unit}, but {cause}"
+        f"{measured.where}: {measured.label(index)} is within ±{largest:.3g} {unit}, but {cause}"
     )
 
 

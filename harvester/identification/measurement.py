@@ -134,8 +134,10 @@ class Measurement:
             density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
             total = np.cumsum(density)
             shares = total[-1] * np.array([0.5, FASTEST_SHARE])
-            places = f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
-            ends.append(places)
+            frequencies_at = (
+                f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
+            )
+            ends.append(frequencies_at)
         slowest = 1.0 / self.duration
         median, fastest = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
         return max(float(median), slowest), max(float(fastest), slowest)
@@ -253,9 +255,9 @@ def _plainest(measured, quantity):
     return indices[titles.index(quantity) :][:1] if quantity in titles else indices
 
 
-def _taken_absolute(where, given):
+def _taken_absolute(where, settings):
     """Remove `:absolute` from a velocity's setting; return whether it was there."""
-    text = given.get("velocity", "")
+    text = settings.get("velocity", "")
     before, _, word = text.rpartition(":")
     if before.rpartition(":")[2] not in QUANTITIES["velocity"] or ":" not in before:
         return False
@@ -264,7 +266,7 @@ def _taken_absolute(where, given):
             f"{where}: velocity = {shown(text)}: after the unit comes absolute (to the ground) or "
             "nothing (relative to the base)"
         )
-    given["velocity"] = before
+    settings["velocity"] = before
     return True
 
 

@@ -41,21 +41,23 @@ def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str,
     seen: list[tuple[str, dict[str, Any]]] = []
     for file, settings in together(lists, option):
         # A file may have several names, such as shaker.csv, ./shaker.csv and a link.
-        one = (os.path.realpath(file), settings)
-        if one in seen:
+        record = (os.path.realpath(file), settings)
+        if record in seen:
             raise HarvesterError(
                 f"{option} {named(file)}: is given twice with the same settings, but each record "
                 "counts once: remove one"
             )
-        seen.append(one)
+        seen.append(record)
     return together(lists, option)
 
 
 def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
     """One file with its settings; raise HarvesterError if there are several."""
-    record, *others = together(lists, option)
-    if others:
-        raise HarvesterError(f"{option} {named(others[0][0])}: give only one file, with NAME=VALUE")
+    record, *further = together(lists, option)
+    if further:
+        raise HarvesterError(
+            f"{option} {named(further[0][0])}: give only one file, with NAME=VALUE"
+        )
     return record
 
 

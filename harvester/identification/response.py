@@ -99,8 +99,8 @@ class Experiment:
         cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
         if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
-            places = np.arange(steps * (samples.size - 1) + 1) / steps
-            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+            positions = np.arange(steps * (samples.size - 1) + 1) / steps
+            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, positions)
         return cache[quantity, steps]
 
 
@@ -131,8 +131,8 @@ def _path(samples, steps, interpolation):
     if interpolation == "smooth":
         return smoothed(samples, steps)
     indices = np.arange(len(samples))
-    places = np.arange(steps * (len(samples) - 1) + 1) / steps
-    return np.apply_along_axis(lambda series: np.interp(places, indices, series), 0, samples)
+    positions = np.arange(steps * (len(samples) - 1) + 1) / steps
+    return np.apply_along_axis(lambda series: np.interp(positions, indices, series), 0, samples)
 
 
 def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
@@ -256,11 +256,11 @@ class Trial:
     @cached_property
     def device(self) -> tuple[System, Scales] | None:
         """Scaled equations; None if the values are invalid in the scene."""
-        others = {"length_scale": self.length} if self.scene.units == "SI" else {}
+        further = {"length_scale": self.length} if self.scene.units == "SI" else {}
         for key, factor in self.factors.items():
             if not key.startswith("sensor."):
-                others[key] = factor * numbers(self.scene)[key][0]
-        changed = with_values(self.scene, [*self.known], self.known.values(), others)
+                further[key] = factor * numbers(self.scene)[key][0]
+        changed = with_values(self.scene, [*self.known], self.known.values(), further)
         if changed is None:
             return None
         probe = self.sensor("sensor.voltage_resistance")
@@ -298,8 +298,8 @@ class Trial:
         """A sensor's parameter: free, or as given for this record."""
         if key in self.known:
             return self.known[key]
-        given = self.measurement.sensors.get(key, neutral(key))
-        return given * self.factors.get(key, 1.0)
+        default = self.measurement.sensors.get(key, neutral(key))
+        return default * self.factors.get(key, 1.0)
 
     def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:
         """States at samples, states after each window, and outputs, as `Responses.states`."""
@@ -487,12 +487,12 @@ def _delayed(values, samples):
         return values
     from scipy.interpolate import CubicSpline
 
-    places = np.arange(values.size)
+    positions = np.arange(values.size)
     if values.size < 4 or not np.isfinite(values).all():
-        return np.interp(places - samples, places, values)
-    moved = places - samples
+        return np.interp(positions - samples, positions, values)
+    moved = positions - samples
     inside = np.clip(moved, 0.0, values.size - 1.0)
-    spline = CubicSpline(places, values)
+    spline = CubicSpline(positions, values)
     return spline(inside) + (moved - inside) * spline(inside, 1)
 
 

@@ -230,9 +230,11 @@ def _of_the_best(models):
     """Models that predict as well as the best, within two standard errors or `NOTED`."""
     better = [model for model in models if model.is_better and model.explains]
     if not better:
-        own, *others = [model for model in models if model.fitted and not model.is_better]
-        simpler = [model for model in others if len(model.fitted.keys) < len(own.fitted.keys)]
-        return [own, *(model for model in simpler if model.is_as_good)]
+        scene_model, *rivals = [model for model in models if model.fitted and not model.is_better]
+        simpler = [
+            model for model in rivals if len(model.fitted.keys) < len(scene_model.fitted.keys)
+        ]
+        return [scene_model, *(model for model in simpler if model.is_as_good)]
     best = min(better, key=lambda model: model.better)
     return [
         model
@@ -344,8 +346,8 @@ def _parts(base, measurements):
         *[("AC-coupled voltage", ["sensor.voltage_highpass"])] * ("voltage" in outputs),
         *((f"gain of the {name}", [f"sensor.{name}_scale"]) for name in ("acceleration", *outputs)),
     ]
-    taken = {*base.keys, *(key for record in measurements for key in record.sensors)}
-    parts += [(name, keys) for name, keys in effects if not {*keys} & taken]
+    used = {*base.keys, *(key for record in measurements for key in record.sensors)}
+    parts += [(name, keys) for name, keys in effects if not {*keys} & used]
     if LOAD in numbers(base.scene) and LOAD not in base.keys and "voltage" in outputs:
         parts += [
             (f"load of {record.name}", [factor_key(LOAD, [number])])
@@ -392,9 +394,9 @@ def _further(base, parts, measurements, report):
     return models
 
 
-def _promised(equations, places):
+def _promised(equations, indices):
     """Expected decrease of the cost by a step in some unknowns, and this step in sizes."""
-    some = equations.of(list(places))
+    some = equations.of(list(indices))
     step = some.step
     return float(-some.gradient @ step), step
 
@@ -468,7 +470,7 @@ def turned(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Meas
         if not any(key in record.sensors for record in measurements):
             yield (
                 f"swapped polarity of the {name}",
-                [replace(one, sensors={**one.sensors, key: -1.0}) for one in measurements],
+                [replace(record, sensors={**record.sensors, key: -1.0}) for record in measurements],
             )
     if "velocity" in outputs and not any(record.velocity_is_absolute for record in measurements):
         moved = [replace(record, velocity_is_absolute=True) for record in measurements]

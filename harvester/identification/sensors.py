@@ -96,7 +96,7 @@ def checked_sensors(
 
 
 def integrals(
-    samples: np.ndarray, rate: float, places: np.ndarray
+    samples: np.ndarray, rate: float, positions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """First and second integral of a sampled series without drift.
 
@@ -111,9 +111,9 @@ def integrals(
     from scipy.interpolate import make_interp_spline
 
     spline = make_interp_spline(np.arange(samples.size), samples - samples.mean(), SPLINE_DEGREE)
-    once = _without_drift(spline.antiderivative()(places), 1) / rate
+    once = _without_drift(spline.antiderivative()(positions), 1) / rate
     # A line was removed from the first integral, so a parabola and its drift from the second.
-    return once, _without_drift(spline.antiderivative(2)(places), 3) / rate**2
+    return once, _without_drift(spline.antiderivative(2)(positions), 3) / rate**2
 
 
 def _without_drift(values, degree):
@@ -171,13 +171,13 @@ def _convolved(values, edges, pole, residue):
     if values.size < size:
         return 0.0 * values
     cuts = edges - edges[0]
-    places = np.arange(values.size - 1)
-    window = np.searchsorted(cuts, places, "right") - 1
-    first = np.maximum(np.minimum(places - size // 2 + 1, cuts[window + 1] - size), cuts[window])
+    positions = np.arange(values.size - 1)
+    window = np.searchsorted(cuts, positions, "right") - 1
+    first = np.maximum(np.minimum(positions - size // 2 + 1, cuts[window + 1] - size), cuts[window])
     first = np.clip(first, 0, values.size - size)
     weights = residue * (_moments(pole, size) @ STENCILS)
     near = np.lib.stride_tricks.sliding_window_view(values, size)[first]
-    drive = np.sum(near * weights[np.clip(places - first, 0, size - 2)], axis=1)
+    drive = np.sum(near * weights[np.clip(positions - first, 0, size - 2)], axis=1)
     # A diverging window must not affect later ones, nor must the step between windows.
     drive[~np.isfinite(drive)] = 0.0
     drive[cuts[1:-1] - 1] = 0.0
@@ -220,15 +220,15 @@ def without_memory(
         free filter without effect is kept, so that the cost is continuous when its effect begins.
     """
     cuts = edges - edges[0]
-    places, modes = np.arange(np.diff(cuts).max()), []
+    positions, modes = np.arange(np.diff(cuts).max()), []
     if time_constant is not None:
-        modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** places)
+        modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** positions)
     if corner is not None:
-        modes.append(np.exp(-corner * places))
+        modes.append(np.exp(-corner * positions))
     if second_corner is not None:
-        turned = second_corner / math.sqrt(2.0) * places
+        turned = second_corner / math.sqrt(2.0) * positions
         modes.append(np.exp(-turned) * np.cos(turned))
-        modes.append(np.exp(-turned) * places * np.sinc(turned / math.pi))
+        modes.append(np.exp(-turned) * positions * np.sinc(turned / math.pi))
     if not modes:
         return shown
     table, corrected = np.column_stack(modes), shown.copy()

@@ -123,11 +123,11 @@ class Shooting:
         values = fit.values if values is None else values
         starts = fit.starts[number] if starts is None else starts
         _, ends, outputs = self.responses.states(number, values, edges, starts)
-        left = (np.nan if outputs is None else outputs) - self.seen(number, edges)
-        left = left / fit.noise[number]
-        costs = np.add.reduceat(np.sum(left**2, axis=1), edges[:-1] - edges[0])
+        weighted = (np.nan if outputs is None else outputs) - self.seen(number, edges)
+        weighted = weighted / fit.noise[number]
+        costs = np.add.reduceat(np.sum(weighted**2, axis=1), edges[:-1] - edges[0])
         costs[~np.isfinite(costs)] = np.inf
-        return np.nan_to_num(left, posinf=0.0, neginf=0.0), ends, costs
+        return np.nan_to_num(weighted, posinf=0.0, neginf=0.0), ends, costs
 
     def states(self, fit: ShootingFit, number: int) -> Any:
         """States at the samples of one experiment of a fit, shape (samples, 3)."""
@@ -168,21 +168,26 @@ class Shooting:
         return table, transitions
 
     def by_states(
-        self, fit: ShootingFit, number: int, starts: np.ndarray, left: np.ndarray, ends: np.ndarray
+        self,
+        fit: ShootingFit,
+        number: int,
+        starts: np.ndarray,
+        residuals: np.ndarray,
+        ends: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of residuals and of windows' ends by the windows' starts, in sizes.
 
         Shapes (samples, outputs, 3) and (windows, 3, 3). `left` and `ends` are those of the starts.
         """
         sizes, lengths = self.state_sizes[number], np.diff(fit.edges[number])
-        columns, transitions = np.zeros((*left.shape, 3)), np.zeros((len(starts), 3, 3))
+        columns, transitions = np.zeros((*residuals.shape, 3)), np.zeros((len(starts), 3, 3))
 
         def of_state(k):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * sizes[k]
             shifted, moved_ends, costs = self.residuals(fit, number, starts=moved)
             bounded = np.repeat(np.isfinite(costs), lengths)[:, None]
-            columns[..., k] = np.where(bounded, shifted - left, 0.0) / DIFFERENCE
+            columns[..., k] = np.where(bounded, shifted - residuals, 0.0) / DIFFERENCE
             transitions[:, :, k] = (moved_ends - ends) / sizes / DIFFERENCE
 
         side_by_side(of_state, np.flatnonzero(self.states_there[number]))
@@ -362,13 +367,13 @@ def settled(
     Windows whose starts are NaN are unchanged.
     """
     sizes, edges = shooting.state_sizes[number], fit.edges[number]
-    left, ends, costs = shooting.residuals(fit, number, starts=starts)
+    residuals, ends, costs = shooting.residuals(fit, number, starts=starts)
     damping = np.full(len(starts), 1e-2)
     moving = np.isfinite(starts).all(axis=1)
     for _ in range(iterations):
         begun = np.where(moving[:, None], starts, np.nan)
-        columns, _ = shooting.by_states(fit, number, begun, left, ends)
-        grams = _grams(np.concatenate([columns, left[..., None]], axis=2), edges - edges[0])
+        columns, _ = shooting.by_states(fit, number, begun, residuals, ends)
+        grams = _grams(np.concatenate([columns, residuals[..., None]], axis=2), edges - edges[0])
         gradient = grams[:, :3, 3]
         inverse = _state_inverse(grams[:, :3, :3], damping[:, None])
         step = -np.einsum("wij,wj->wi", inverse, gradient)
@@ -377,7 +382,7 @@ def settled(
         trial_left, _, tried = shooting.residuals(fit, number, starts=trial)
         better = tried < costs
         starts = np.where(better[:, None], trial, starts)
-        left = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, left)
+        residuals = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, residuals)
         costs = np.where(better, tried, costs)
         damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
         if not moving.any():
@@ -398,8 +403,8 @@ def placed(
         Minimum and maximum displacement.
     """
     seen = motion(shooting.responses.at(number, fit.values))
-    places = fit.edges[number][:-1]
-    states = np.where(where[:, None], states_of(seen, places), np.nan)
+    begins = fit.edges[number][:-1]
+    states = np.where(where[:, None], states_of(seen, begins), np.nan)
     if seen.measured:
         return settled(shooting, number, fit, states)
 
@@ -409,7 +414,7 @@ def placed(
     tried = np.linspace(*reach, DISPLACEMENTS)
     costs = side_by_side(lambda x: shooting.residuals(fit, number, starts=begun_at(x))[2], tried)
     order = np.argsort(costs, axis=0)
-    best = states, np.full(places.size, np.inf)
+    best = states, np.full(begins.size, np.inf)
     for rank in range(MOST_TRIED):
         best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
     return best
@@ -483,6 +488,6 @@ def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> 
     return remainder
 
 
-def states_of(seen: Motion, places: np.ndarray) -> np.ndarray:
+def states_of(seen: Motion, samples: np.ndarray) -> np.ndarray:
     """A motion's states at some samples, shape (places, 3)."""
-    return np.column_stack([seen.x[places], seen.v[places], seen.state[places]])
+    return np.column_stack([seen.x[samples], seen.v[samples], seen.state[samples]])

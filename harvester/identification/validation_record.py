@@ -175,9 +175,9 @@ class ValidationRecord:
 
     def _explained(self, measured, outputs):
         """Share of the mean square of measured values that the model explains."""
-        left = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
+        squares = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
         seen = np.sum(measured**2, axis=1)
-        return mean_of(block_means(seen - left) / float(np.mean(seen)))
+        return mean_of(block_means(seen - squares) / float(np.mean(seen)))
 
     def free_power(self) -> Estimate:
         """Mean power (or square) of a run from one start, which may leave the measured path."""
@@ -255,10 +255,10 @@ class ResponseRecord(ValidationRecord):
 
     def judged(self) -> ResponseRecord:
         """The record with its residuals evaluated."""
-        left, noise = self.nrmse(), self.noise()
-        beyond = math.sqrt(max(left**2 - min(noise, MOST_NOISE) ** 2, 0.0))
+        residual, noise = self.nrmse(), self.noise()
+        beyond = math.sqrt(max(residual**2 - min(noise, MOST_NOISE) ** 2, 0.0))
         is_noise = beyond <= UNNOTICED_IN_RESPONSE
-        part = Unexplained(self.quantity, left, noise, beyond, math.nan, is_noise)
+        part = Unexplained(self.quantity, residual, noise, beyond, math.nan, is_noise)
         return replace(self, unexplained=(part,))
 
 
@@ -354,8 +354,8 @@ class WholeRecord(ValidationRecord):
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
             )
         )
-        own = self.own.items() if self.follows else ()
-        values = ", ".join(f"{key} = {_text(value, '')}" for key, value in own)
+        fitted_values = self.own.items() if self.follows else ()
+        values = ", ".join(f"{key} = {_text(value, '')}" for key, value in fitted_values)
         return (
             f"{self.name}, validation record: {claim}, {outcome}; measured {measured}; predicted "
             f"{expected} (this orbit in {self.agreement:.0%} of the runs with likely values)"
@@ -537,19 +537,19 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
     measurement = shooting.responses.experiments[number].measurement
     edges, noise, parts = fit.edges[number], fit.noise[number], []
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
-    left, starts = table[..., -1], table[..., :-1]
+    residuals, starts = table[..., -1], table[..., :-1]
     drawn = without_states(_drawn(shooting, fit, number, record.measured), starts, cuts)
-    simulated = left * noise + record.measured
+    simulated = residuals * noise + record.measured
     for output, name in enumerate(record.outputs):
         columns = _signals(measurement, inside, simulated[:, output])
         alone = np.zeros((*record.measured.shape, columns.shape[1]))
         alone[:, output] = columns
         signals = without_states(alone, starts, cuts)[:, output]
         spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
-        explained, ratio = _regressed(left[:, output], signals, spectrum)
+        explained, ratio = _regressed(residuals[:, output], signals, spectrum)
         unit = float(noise[output] / np.std(record.measured[:, output]))
         rms, drawn_rms, systematic = (
-            unit * _rms(left[:, output]),
+            unit * _rms(residuals[:, output]),
             unit * _rms(drawn[:, output]),
             unit * explained,
         )
@@ -571,8 +571,8 @@ def _drawn(shooting, fit, number, measured):
 
 def _signals(measurement, inside, simulated):
     """Signals typical of a wrong model's residuals in an output, shape (samples, signals)."""
-    places = np.arange(measurement.acceleration.size)
-    integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0][inside]
+    positions = np.arange(measurement.acceleration.size)
+    integral = integrals(measurement.acceleration, measurement.sampling_rate, positions)[0][inside]
     base, moved = measurement.acceleration[inside], simulated - simulated.mean()
     slope = np.gradient(moved)
     signals = [moved, slope, base, integral, moved**2, moved**3, moved**2 * slope]
@@ -580,10 +580,10 @@ def _signals(measurement, inside, simulated):
     return columns / np.maximum(columns.std(axis=0), 1e-300)
 
 
-def _regressed(left, signals, spectrum):
+def _regressed(residuals, signals, spectrum):
     """rms of the part of the residuals that signals explain, and its F, weighted by a spectrum."""
     weights = 1.0 / np.sqrt(np.maximum(spectrum, 1e-12 * spectrum.max()))
-    seen = np.fft.rfft(left) * weights
+    seen = np.fft.rfft(residuals) * weights
     columns = np.fft.rfft(signals, axis=0) * weights[:, None]
     flat = np.concatenate([columns.real, columns.imag])
     coefficients, _, rank, _ = np.linalg.lstsq(

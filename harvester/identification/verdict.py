@@ -173,10 +173,10 @@ def _not_as_predicted(evidence):
 
 
 def _not_followed(evidence):
-    others = [record for record in evidence.whole if not record.follows]
-    if not others:
+    unfollowed = [record for record in evidence.whole if not record.follows]
+    if not unfollowed:
         return None
-    return f"the model misses {others[0].left:.0%} of {others[0].name} even in windows"
+    return f"the model misses {unfollowed[0].left:.0%} of {unfollowed[0].name} even in windows"
 
 
 def _uncertain_spring(evidence):
@@ -289,7 +289,9 @@ def findings(evidence: FitEvidence) -> list[str]:
     if claimed := [record for record in evidence.whole if record.claimed]:
         held = sum(record.holds for record in claimed)
         rms = [record.predicted_rms for record in claimed]
-        widths = [HALF_INTERVAL * (one.standard_error or 0.0) / one.estimate for one in rms]
+        widths = [
+            HALF_INTERVAL * (estimate.standard_error or 0.0) / estimate.estimate for estimate in rms
+        ]
         lines.append(
             f"it claims {len(claimed)} of {len(evidence.whole)} validation records, and {held} of "
             f"them agree within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"

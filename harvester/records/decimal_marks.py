@@ -55,15 +55,15 @@ def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, s
             if not (",d" in seen and "." not in text) and not (".d" in seen and "," not in text):
                 seen.setdefault(shape(text), text)
     for index, column in enumerate(shapes):
-        others = set(chain(*shapes[:index], *shapes[index + 1 :]))
-        yield _marks(column, others)
+        other_shapes = set(chain(*shapes[:index], *shapes[index + 1 :]))
+        yield _marks(column, other_shapes)
 
 
-def _marks(column, others):
+def _marks(column, other_shapes):
     for group, decimal in MARKS:
         mixed = {f"{group}?", "mid"} <= column.keys() and "long" not in column
         if f"{group}+" in column or (mixed and f"{group}d" not in column):
-            if f"{group}d" in column or f"{group}d" in others:
+            if f"{group}d" in column or f"{group}d" in other_shapes:
                 _refuse(column.get(f"{group}+") or column[f"{group}?"], group)
             return decimal, group
     for decimal, group in MARKS:
@@ -72,11 +72,11 @@ def _marks(column, others):
         if f"{decimal}?" not in column:
             continue
         # If all values have three digits after the mark, the other columns decide.
-        if f"{group}d" in others and f"{decimal}d" not in others:
+        if f"{group}d" in other_shapes and f"{decimal}d" not in other_shapes:
             return group, decimal
         # A point is a decimal point, unless another column has an equally ambiguous comma.
-        unsure = decimal == "," or ",?" in others
-        if unsure and f"{decimal}d" not in others:
+        unsure = decimal == "," or ",?" in other_shapes
+        if unsure and f"{decimal}d" not in other_shapes:
             _refuse(column[f"{decimal}?"], decimal)
         return decimal, ""
     return ".", ""

@@ -120,9 +120,9 @@ def _decoded(name, dataset, field):
 
 def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
     """Yield (path, data set) of all data sets stored in the file itself."""
-    seen, left = set(), [("", file)]
-    while left:
-        path, group = left.pop()
+    seen, pending = set(), [("", file)]
+    while pending:
+        path, group = pending.pop()
         for name in group:
             where = f"{path}/{name}" if path else name
             link = group.get(name, getlink=True)
@@ -140,7 +140,7 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             if len(seen) > MOST_OBJECTS:
                 raise Unreadable(f"it contains more than {MOST_OBJECTS} objects: shorten it")
             if isinstance(entry, h5py.Group):
-                left.append((where, entry))
+                pending.append((where, entry))
             elif isinstance(entry, h5py.Dataset):
                 _refuse_outside(entry, where)
                 yield where, entry

@@ -83,14 +83,14 @@ def _refuse_expressions(content):
 
 def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
     """Yield (name, text) of all elements that the library evaluates."""
-    left = [part for part in document if part.name == "RecordingProperties"]
-    while left:
-        element = left.pop()
+    pending = [part for part in document if part.name == "RecordingProperties"]
+    while pending:
+        element = pending.pop()
         if element.name in EVALUATED:
             text = element.value
             yield element.name, text.encode() if isinstance(text, str) else bytes(text)
         elif isinstance(element.value, list):
-            left.extend(element.value)
+            pending.extend(element.value)
 
 
 FORMAT = Format(read, (b"\x1aE\xdf\xa3",))

@@ -37,14 +37,14 @@ def read_points(
     """
     content = read_input(file, noun, LARGEST_FILE)
     pair = " and ".join(f"a {q} (Hz)" if q == "frequency" else f"a {q}" for q in quantities)
-    few = f"lines with {pair}: must be at least 2 for a {noun}"
+    too_few = f"lines with {pair}: must be at least 2 for a {noun}"
     if format_of(file, content) is text.FORMAT:
         decoded = content.decode("utf-8-sig", "replace")
         decoded = content.decode("latin-1") if "\ufffd" in decoded else decoded
         # Trailing commas would create columns without numbers.
         lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in decoded.splitlines()]
         if not any(lines):
-            raise SceneError(f"{named(file)}: 0 {few}")
+            raise SceneError(f"{named(file)}: 0 {too_few}")
         content = "\n".join([*lines, ""]).encode()
     measured = MeasuredFile(file, content, quantities, lambda key, _: key, "")
     titles = [quantity_of(heading.title, "") for heading in measured.headings]
@@ -54,7 +54,7 @@ def read_points(
         raise SceneError(f"{named(file)}, line {line}: must hold two numbers, {pair}")
     points = np.column_stack(measured.take([0, 1]))
     if len(points) < 2:
-        raise SceneError(f"{named(file)}: {len(points)} {few}")
+        raise SceneError(f"{named(file)}: {len(points)} {too_few}")
     units = ["", ""]
     for index, quantity in enumerate(quantities):
         if measured.headings[index].unit:

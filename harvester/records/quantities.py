@@ -110,10 +110,10 @@ def _spellings(quantity: str) -> dict[str, str]:
     spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
         spellings |= dict.fromkeys(words.split(), unit)
-    usual, *others = PER_TIME.get(quantity, "none").split()
+    usual, *variants = PER_TIME.get(quantity, "none").split()
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            spellings |= dict.fromkeys((f"{length}{end}" for end in others), f"{length}{usual}")
+            spellings |= dict.fromkeys((f"{length}{end}" for end in variants), f"{length}{usual}")
     return spellings
 
 

@@ -68,11 +68,11 @@ def marker_remark(values: np.ndarray) -> str:
     far = outliers(values)
     if not far.any():
         return ""
-    count, others = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
+    count, ordinary = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     return (
         f"{count} of {values.size} {'sample is' if count == 1 else 'samples are'} {written}, far "
-        f"outside the rest ({others.min():.3g} to {others.max():.3g})"
+        f"outside the rest ({ordinary.min():.3g} to {ordinary.max():.3g})"
     )
 
 
@@ -116,17 +116,17 @@ def mended(
     if times is not None:
         lost |= ~np.isfinite(times)
     if lost.any():
-        gaps, good = np.flatnonzero(lost), np.flatnonzero(~lost)
+        gaps, valid = np.flatnonzero(lost), np.flatnonzero(~lost)
         _refuse("nan", lost, f"the first is sample {gaps[0]}", where, mend)
-        longest = int(np.diff(good, prepend=-1, append=lost.size).max()) - 1
+        longest = int(np.diff(valid, prepend=-1, append=lost.size).max()) - 1
         remarks = (
             f"{gaps.size} of {values.size} samples had no value and were interpolated "
             f"linearly: the largest gap has {longest} sample{'s' if longest > 1 else ''}",
         )
         # Invalid samples and their times are interpolated over the sample number.
         numbers = np.arange(values.size)
-        values = np.interp(numbers, good, values[good])
-        times = None if times is None else np.interp(numbers, good, times[good])
+        values = np.interp(numbers, valid, values[valid])
+        times = None if times is None else np.interp(numbers, valid, times[valid])
     clipped = clipped_samples(values)
     if clipped.any():
         _refuse("clipped", clipped, f"at {np.abs(values[clipped]).max():g}", where, mend)
@@ -181,7 +181,7 @@ def clipped_samples(values: np.ndarray) -> np.ndarray:
 def _unclip(values, clipped):
     from scipy.interpolate import CubicSpline
 
-    good = np.flatnonzero(~clipped)
-    crests = CubicSpline(good, values[good])(np.arange(values.size))
+    unclipped = np.flatnonzero(~clipped)
+    crests = CubicSpline(unclipped, values[unclipped])(np.arange(values.size))
     # The true peak is at least as high as the clipped value, even if the spline is lower.
     return np.where(clipped & (np.abs(crests) >= np.abs(values)), crests, values)

@@ -305,8 +305,8 @@ def _names_and_units(above, form):
 def _header_row(line, form):
     """Split a line above the samples into one field per column; empty if the count differs."""
     width = len(form.kinds)
-    others = [mark for mark in SEPARATORS if mark in line and mark != form.separator]
-    for separator in (form.separator, *others):
+    alternatives = [mark for mark in SEPARATORS if mark in line and mark != form.separator]
+    for separator in (form.separator, *alternatives):
         fields = BLANK_SEPARATED.findall(line) if separator is None else _fields(line, separator)
         fields = [field.strip().strip('"') for field in fields]
         if len(fields) == width + 1 and not fields[-1]:

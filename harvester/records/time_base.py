@@ -136,11 +136,11 @@ def _drifting(late, spacing, rounding, steps):
         f"its clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
         f"{1.0 / spacing:.6g} Hz"
     )
-    places = np.interp(grid, clock, numbers)
+    positions = np.interp(grid, clock, numbers)
     return TimeBase(
         float(1.0 / spacing),
         (remark,),
-        lambda values: make_interp_spline(numbers, values, SPLINE_DEGREE)(places),
+        lambda values: make_interp_spline(numbers, values, SPLINE_DEGREE)(positions),
     )
 
 
@@ -162,13 +162,13 @@ def _uneven(times, rate, steps, where, mend):
         )
     if rate is None:
         # If only whole samples are missing, the others keep their values.
-        places = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
-        spacing = slope_of(times, places)
-        scatter = np.ptp(times - places * spacing)
+        positions = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
+        spacing = slope_of(times, positions)
+        scatter = np.ptp(times - positions * spacing)
         if scatter <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * spacing):
-            grid = np.arange(places[-1] + 1.0)
+            grid = np.arange(positions[-1] + 1.0)
             return TimeBase(
-                1.0 / spacing, (remark,), lambda values: np.interp(grid, places, values)
+                1.0 / spacing, (remark,), lambda values: np.interp(grid, positions, values)
             )
     spacing = usual if rate is None else 1.0 / rate
     knots = (times[-1] - times[0]) / spacing

@@ -52,11 +52,11 @@ class BeamValues(ResultBase):
         model = prepared(self.scene)
         system, length = model.system, model.scales.displacement
         wells, saddles = timescales.wells(system), timescales.saddles(system)
-        places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
+        positions = ", ".join(quantity(length * well, "m") for well in sorted(wells))
         sentences = [
             "the table is of the beam without its magnets",
             *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
-            f"with magnets the tip rests at {places}",
+            f"with magnets the tip rests at {positions}",
         ]
         if saddles:
             depths = [float(potential(system, well)) for well in wells]

@@ -67,9 +67,9 @@ def facts(text: str) -> str:
 
 def all_facts(lines: Sequence[str]) -> str:
     """Paragraphs in small type; all after the first few are folded."""
-    first, others = lines[:SENTENCES], lines[SENTENCES:]
-    more = _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
-    return "".join(map(facts, first)) + more
+    first, rest = lines[:SENTENCES], lines[SENTENCES:]
+    folded = _folded(f"{len(rest)} more", "".join(map(facts, rest))) if rest else ""
+    return "".join(map(facts, first)) + folded
 
 
 def _folded(summary, content, is_open=False):

@@ -124,15 +124,15 @@ def draw_panels(
     rows = -(-len(panels) // columns)
     wide = max(1.2 + size[0] * columns, 5.0)
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
-    places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
+    axes_grid = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
     same = len({panel.y_label for panel in panels}) == 1
-    for index, (axes, panel) in enumerate(zip(places, panels, strict=False)):
+    for index, (axes, panel) in enumerate(zip(axes_grid, panels, strict=False)):
         _draw_panel(axes, panel)
         if same and index % columns:
             axes.set_ylabel("")
-    for axes in places[len(panels) :]:
+    for axes in axes_grid[len(panels) :]:
         axes.remove()
-    legend_below(figure, places[: len(panels)])
+    legend_below(figure, axes_grid[: len(panels)])
     set_title(figure, title)
     return figure
 

@@ -77,10 +77,10 @@ def _widths(header, rows, keys, width):
     ):
         widths[max(range(keys), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
     # A column that does not fit next to the keys also wraps between words.
-    left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
+    available = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
     for k in range(keys, len(header)):
         words = max((_longest_word(row[k]) for row in rows), default=1)
-        widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
+        widths[k] = min(widths[k], max(available, words, _longest_word(header[k])))
     return widths
 
 

@@ -185,9 +185,9 @@ class ResultBase(ABC):
         axes = ", ".join(names[:keys])
         numbers = Named(f"{type(self).__name__}, with rows by {axes}: no", {})
         for row in rows:
-            place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
+            row_key = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):
-                outer, inner = (row[0], words) if names[0] == "quantity" else (words, place)
+                outer, inner = (row[0], words) if names[0] == "quantity" else (words, row_key)
                 of_name = numbers.setdefault(outer.replace(" ", "_"), Named(f"{outer}: no", {}))
                 if outer == words or isinstance(cell, Printed):
                     of_name[inner] = _number(cell)
@@ -291,13 +291,13 @@ class ResultBase(ABC):
 
         view = self.view()
         header, rows = view.table
-        left = len(rows) - NOTEBOOK_ROWS
-        more = [f"{left} more rows: to_dataframe() has all"] if left > 0 else []
+        omitted = len(rows) - NOTEBOOK_ROWS
+        note = [f"{omitted} more rows: to_dataframe() has all"] if omitted > 0 else []
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
             *(picture.html() for picture in view.pictures),
-            *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
+            *map(facts, [*note, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
 

@@ -55,10 +55,10 @@ def _wells(scene):
     if len(wells) < 2:
         return []
     length, energy = model.scales.of("displacement"), model.scales.of("energy")
-    places = ", ".join(quantity(length * well, "m", 3) for well in wells)
+    positions = ", ".join(quantity(length * well, "m", 3) for well in wells)
     barriers = [energy * timescales.barrier(model.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
-    return [f"wells at {places}", f"barriers out of them {heights}"]
+    return [f"wells at {positions}", f"barriers out of them {heights}"]
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:

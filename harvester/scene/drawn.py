@@ -59,9 +59,9 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 def without_drawn(tables: dict[str, Any]) -> dict[str, Any]:
     """A scene's tables without the keys that are computed from its drawing."""
-    left = {
+    remaining = {
         name: {key: value for key, value in tables[name].items() if key not in keys}
         for name, keys in DRAWN.items()
     }
-    others = {name: content for name, content in tables.items() if name not in DRAWN}
-    return others | {name: content for name, content in left.items() if content}
+    undrawn = {name: content for name, content in tables.items() if name not in DRAWN}
+    return undrawn | {name: content for name, content in remaining.items() if content}

@@ -110,11 +110,11 @@ def _kind(name):
     }
 
 
-def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, Any]:
+def _object(keys: Mapping[str, Key], extra: Mapping[str, Any] = {}) -> dict[str, Any]:
     """Schema of a table with these keys, all optional."""
     properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
     return {
-        "type": "object", "properties": {**properties, **more}, "additionalProperties": False
+        "type": "object", "properties": {**properties, **extra}, "additionalProperties": False
     }  # fmt: skip
 
 
@@ -131,9 +131,9 @@ def _told(spec):
 def _value(spec: Key) -> dict[str, Any]:
     """Schema of a key's values."""
     if spec.element:
-        few, many = spec.count
+        fewest, many = spec.count
         items = _value(spec.element)
-        listed = {"type": "array", "minItems": few, "maxItems": many, "items": items}
+        listed = {"type": "array", "minItems": fewest, "maxItems": many, "items": items}
         return {"anyOf": [listed, TEXT]} if spec.file else listed
     if spec.words:
         return {"enum": [*spec.words]}

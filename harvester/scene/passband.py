@@ -62,14 +62,14 @@ def _spectrum(prepared_scene, spacing):
     omega = timescales.angular_frequency(system)
     width = 0.5 * timescales.loss_rate(system, omega) * np.logspace(-1.0, 3.0, ASIDE)
     corners = np.unique(excitation.corners)
-    places = [
+    grids = [
         np.geomspace(1e-3 * omega, math.pi / spacing, OVERALL) / (2.0 * math.pi),
         np.concatenate([omega - width, [omega], omega + width]) / (2.0 * math.pi),
         *(np.linspace(low, high, BETWEEN) for low, high in pairwise(corners)),
         # A density may be discontinuous at a corner.
         *(corners * side for side in (1.0 - 1e-12, 1.0 + 1e-12)),
     ]
-    frequencies = np.unique(np.concatenate(places))
+    frequencies = np.unique(np.concatenate(grids))
     frequencies = frequencies[(frequencies > 0.0) & (frequencies <= 0.5 / spacing)]
     density = excitation.density(frequencies)
     if density is not None:

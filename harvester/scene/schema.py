@@ -109,9 +109,9 @@ def transducer_of(tables: Any) -> str:
 def _check_transducer(parts, origin):
     """Raise unless there is one transducer, and it can have the start's voltage."""
     present = [f"[{name}]" for name in TRANSDUCERS if name in parts]
-    first, *others = (f"[{name}]" for name in TRANSDUCERS)
+    first, *alternatives = (f"[{name}]" for name in TRANSDUCERS)
     if not present:
-        raise SceneError(f"{origin}: table {first} is missing (or {', '.join(others)})")
+        raise SceneError(f"{origin}: table {first} is missing (or {', '.join(alternatives)})")
     if len(present) > 1:
         raise SceneError(
             f"{origin}: {' and '.join(present)}: a device has only one; remove the other "

@@ -184,7 +184,7 @@ def step_error(
     period = scene.excitation.period
     if scene.excitation.prescribes_displacement and period is not None:
         omega = 2.0 * math.pi / period
-    constant, order, left = _frequency_error(prepared_scene, engine)
+    constant, order, share = _frequency_error(prepared_scene, engine)
     length = knot_spacing(prepared_scene) / steps_per_sample(prepared_scene, step, engine)
     error = constant * (omega * length) ** order
     if order == 4:
@@ -192,7 +192,7 @@ def step_error(
         # the resonance of a stiffer well.
         error *= max(timescales.angular_frequency(system) / omega, 1.0) ** order
     # Without damping the resonance has no width, and the error may be as large as the power.
-    flank = left * error / max(lines.half_width(prepared_scene), error) if left > 0.0 else 0.0
+    flank = share * error / max(lines.half_width(prepared_scene), error) if share > 0.0 else 0.0
     load = scene.load.circuit
     switched = load is not None and load.switches
     period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
@@ -245,22 +245,22 @@ def _frequency_error(prepared_scene, engine):
         if engine == "monte-carlo" and prepared_scene.scene.load.is_resistor
         else engine
     )
-    left = lines.spread(prepared_scene)
+    share = lines.spread(prepared_scene)
     if method == "runge-kutta" and lines.line_frequency(prepared_scene) > 0.0:
-        left = 1.0
-    return *FREQUENCY_ERRORS[method], left
+        share = 1.0
+    return *FREQUENCY_ERRORS[method], share
 
 
 def _near_lines(prepared_scene, engine, longest):
     """Longest step whose shift of the resonance is acceptable for an excitation with lines."""
-    constant, order, left = _frequency_error(prepared_scene, engine)
-    if left == 0.0:
+    constant, order, share = _frequency_error(prepared_scene, engine)
+    if share == 0.0:
         return longest
     omega = lines.line_frequency(prepared_scene)
     allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(prepared_scene)
-    if left * constant * (omega * longest) ** order <= allowed:
+    if share * constant * (omega * longest) ** order <= allowed:
         return longest
-    step = (allowed / (constant * left)) ** (1.0 / order) / omega
+    step = (allowed / (constant * share)) ** (1.0 / order) / omega
     return max(step, longest / FINER_NEAR_LINES)
 
 

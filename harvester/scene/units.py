@@ -218,5 +218,5 @@ def _farthest_well(oscillator):
         linear, cubic = oscillator.linear_stiffness, oscillator.cubic_stiffness
         return math.sqrt(-linear / cubic) if linear < 0.0 < cubic else 0.0
     bare = restoring_spring(oscillator)
-    places = [abs(float(x)) for x in bare.roots() if bare.slope(float(x)) > 0.0]
-    return max(places, default=0.0)
+    distances = [abs(float(x)) for x in bare.roots() if bare.slope(float(x)) > 0.0]
+    return max(distances, default=0.0)

@@ -132,10 +132,15 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
         selected, stretch = periods == period, stretch_of(period, samples.shape[1])
         if stretch:
             moved = np.abs(scaled[selected, stretch:] - scaled[selected, :-stretch]).max(axis=2)
-            now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
-            left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
-            left = np.maximum(left, now * memory / stretch)
-            changes[selected], remains[selected] = now, np.where(now <= ROUNDING, now, left)
+            latest, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
+            limit = np.where(
+                latest < before, latest * latest / np.maximum(before - latest, SMALLEST), np.inf
+            )
+            limit = np.maximum(limit, latest * memory / stretch)
+            changes[selected], remains[selected] = (
+                latest,
+                np.where(latest <= ROUNDING, latest, limit),
+            )
     return periods, changes, remains
 
 
@@ -192,12 +197,12 @@ def repeats_in_noise(path: np.ndarray, period: float) -> bool:
     initial transient. `period` is in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
-    places = np.arange(late.size)
+    times = np.arange(late.size)
     for count in range(1, LONGEST_IN_NOISE + 1):
-        moved = places[: int(late.size - count * period) - 1] + count * period
+        moved = times[: int(late.size - count * period) - 1] + count * period
         if moved.size < 2:
             return True
-        later = np.interp(moved, places, late)
+        later = np.interp(moved, times, late)
         if np.corrcoef(late[: moved.size], later)[0, 1] > CORRELATED:
             return True
     return False
@@ -238,29 +243,29 @@ def synchronized_clusters(samples: np.ndarray) -> list[Group]:
 
     `samples` of all starts are from the same times at the end; shape (starts, samples, 3).
     """
-    scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
-    while left.size:
-        apart = np.abs(samples[left] - samples[left[0]]) / scale
+    scale, remaining, groups = sizes_of(samples), np.arange(len(samples)), []
+    while remaining.size:
+        apart = np.abs(samples[remaining] - samples[remaining[0]]) / scale
         joining = apart.max(axis=(1, 2)) <= SAME_CYCLE
-        groups.append(Group(None, left[joining], samples[left[0]]))
-        left = left[~joining]
+        groups.append(Group(None, remaining[joining], samples[remaining[0]]))
+        remaining = remaining[~joining]
     return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def _cycles(samples, scale, period, members):
     """Group starts of the same period by the cycle that they reach."""
     last = samples[members, -period:]
-    left, groups = np.arange(members.size), []
-    while left.size:
-        cycle = last[left[0]]
-        apart = np.full(left.size, np.inf)
+    remaining, groups = np.arange(members.size), []
+    while remaining.size:
+        cycle = last[remaining[0]]
+        apart = np.full(remaining.size, np.inf)
         for shift in range(period):
             turned = np.roll(cycle, shift, axis=0)
-            distance = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            distance = (np.abs(last[remaining] - turned) / scale).max(axis=(1, 2))
             apart = np.minimum(apart, distance)
         same = apart <= SAME_CYCLE
-        groups.append(Group(period, members[left[same]], cycle))
-        left = left[~same]
+        groups.append(Group(period, members[remaining[same]], cycle))
+        remaining = remaining[~same]
     return groups
 
 
@@ -336,8 +341,8 @@ def _beside(filled):
     return near
 
 
-def _wandering(samples, members, places):
-    some = members[np.array(places)]
+def _wandering(samples, members, indices):
+    some = members[np.array(indices)]
     points = samples[some].reshape(-1, samples.shape[2])
     every = max(1, math.ceil(len(points) / MOST_POINTS))
     return Group(None, some, points[::every])

@@ -138,13 +138,13 @@ def duration_for_error(series: np.ndarray, duration: float, memory: float) -> fl
     `series`: batches of a run that was too short, shape (realizations, batches); `duration`: its
     duration (s); `memory`: minimum correlation time (s).
     """
-    left, length, mean = LARGEST_CORRELATION, duration / series.shape[1], series.mean()
+    correlation, length, mean = LARGEST_CORRELATION, duration / series.shape[1], series.mean()
     while series.size >= FEWEST_BATCHES:
-        length, left = duration / series.shape[1], _scatter(series, mean)[1]
+        length, correlation = duration / series.shape[1], _scatter(series, mean)[1]
         # Deviations from a short run's mean underestimate the correlation by about this amount.
-        left = min(left + (1.0 + 3.0 * left) / series.size, LARGEST_LEFT)
+        correlation = min(correlation + (1.0 + 3.0 * correlation) / series.size, LARGEST_LEFT)
         series = _joined(series)
-    lengths = LENGTHS_TO_FORGET / -math.log(max(left, LARGEST_CORRELATION))
+    lengths = LENGTHS_TO_FORGET / -math.log(max(correlation, LARGEST_CORRELATION))
     longest = max(FEWEST_BATCHES * lengths * length, FEWEST_EFFECTIVE * memory)
     return 2.0 * longest / len(series)
 
@@ -181,14 +181,14 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     middle = mean.size // 2
     if middle == 0:
         return chance if drawn and series.size > 1 else None
-    left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
+    transient = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
         # Two or three batches rarely show their full scatter.
-        few = student_factor(mean.size - 1)
-        scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)
+        factor = student_factor(mean.size - 1)
+        scatter = factor * float(mean.std(ddof=1)) / math.sqrt(mean.size)
     # The scatter among aperiodic realizations has the same random cause, so the larger one counts.
-    return math.hypot(left, max(scatter, chance))
+    return math.hypot(transient, max(scatter, chance))
 
 
 def error_of_starts(series: np.ndarray) -> float:

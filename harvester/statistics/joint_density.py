@@ -38,10 +38,10 @@ class JointDensity:
         """This density at the points of another one, interpolated linearly; 0 outside its range."""
         from scipy.interpolate import RegularGridInterpolator
 
-        places = np.meshgrid(other.displacement, other.velocity, indexing="ij")
+        points = np.meshgrid(other.displacement, other.velocity, indexing="ij")
         axes = self.displacement, self.velocity
         within = RegularGridInterpolator(axes, self.density, bounds_error=False, fill_value=0.0)
-        return within(np.stack(places, axis=-1))
+        return within(np.stack(points, axis=-1))
 
     def distance(self, other: JointDensity) -> tuple[float, float]:
         """∬|p − p'| dX dX' between this density and another, on the points of this one.

@@ -292,8 +292,8 @@ def correlation_time(prepared_scene: Prepared, moments: Sequence[Moments]) -> fl
     f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
     measured = excitation.measured_density(prepared_scene.scene.run.duration / STRETCHES)
     corners = sorted(excitation.corners if measured is None else measured[0]) or [centre]
-    places = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
-    f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
+    positions = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
+    f = np.unique(np.append(f[f > 0.0], np.interp(positions, np.arange(len(corners)), corners)))
     density = excitation.density(f) if measured is None else np.interp(f, *measured)
     if density is None or not density.any():
         return 1.0 / rate

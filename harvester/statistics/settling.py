@@ -146,10 +146,10 @@ def shortfalls(
     return reasons or _drift(moments, balance, memory)
 
 
-def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
+def withheld(estimates: dict[str, Estimate], shortfalls: list[Shortfall]) -> dict[str, Estimate]:
     """The estimates, without the error bars that would be too small."""
     result = dict(estimates)
-    for shortfall in reversed(found):
+    for shortfall in reversed(shortfalls):
         for name in result if shortfall.names is None else shortfall.names:
             if name in result and result[name].note not in OF_THE_VALUE:
                 result[name] = replace(
@@ -212,9 +212,9 @@ def _too_short(scene, time, what, share, names=None):
 def _slow(scene, time, what, error, names=None):
     """Shortfall of a run compared with one relaxation time; None if the run is long enough."""
     run = scene.run
-    left = left_of_start(time, run.settle, run.duration)
-    if left > max(error, SMALLEST_DRIFT):
-        return _too_short(scene, time, what, left, names)
+    share = left_of_start(time, run.settle, run.duration)
+    if share > max(error, SMALLEST_DRIFT):
+        return _too_short(scene, time, what, share, names)
     if scene.excitation.period is not None and not scene.excitation.random:
         return None
     return _few_values(scene, time, what, names)
@@ -240,7 +240,7 @@ def _motion(scene, p, estimates):
     run, excitation = scene.run, scene.excitation
     if p.noise.intensity <= 0.0:
         return None
-    matrix, places = _linear(p, estimates)
+    matrix, states = _linear(p, estimates)
     # The motion may stay in phase with a sine or a record, which may contain sines.
     coherent = excitation.drifts or bool(excitation.random and excitation.lines)
     if not np.all(np.isfinite(matrix)):
@@ -255,7 +255,7 @@ def _motion(scene, p, estimates):
 
     def left(settle):
         missing = _left_in_squares(p, matrix, replace(run, settle=settle), coherent)
-        return max(missing[state] for state in places)
+        return max(missing[state] for state in states)
 
     try:
         with warnings.catch_warnings():
@@ -400,15 +400,15 @@ def _jumps(scene, p, moments, estimates):
         return None
     square = estimates["mean_square_voltage"]
     measured = _total(moments, "time")
-    one = unseen_jump(p, square.estimate, measured)
-    if one <= max(_relative_error(square), SMALLEST_DRIFT):
+    increase = unseen_jump(p, square.estimate, measured)
+    if increase <= max(_relative_error(square), SMALLEST_DRIFT):
         return None
     if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
         return None
     seen = f"{crossings:.0f} passes" if crossings else "no pass"
     return Shortfall(
         f"{seen} between the wells in {measured:.3g} s",
-        f"one more jump would increase E[V²] by {100.0 * one:.2g} %; raise run.duration or "
+        f"one more jump would increase E[V²] by {100.0 * increase:.2g} %; raise run.duration or "
         "run.realizations",
         QUANTITIES_OF_THE_CHARGE,
     )
@@ -451,8 +451,8 @@ def _residence(scene, p, moments, estimates, balance):
 
 def _unknown(name, estimate):
     """Whether an estimate lacks an error bar due to few jumps, or is a rate of few jumps."""
-    few = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
-    return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
+    is_rare = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
+    return estimate.note == TOO_SHORT or (is_rare and name.startswith("jump_rate"))
 
 
 def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
@@ -549,7 +549,7 @@ def _change(values, memory):
     if len(values) >= FEWEST_BATCHES:
         differences = late.mean(axis=1) - early.mean(axis=1)
         spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
-        error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
+        error = max(spread, math.hypot(*(error_or_none or 0.0 for error_or_none in errors)))
     else:
         bars = [bar for bar in errors if bar is not None]
         if len(bars) < len(errors):

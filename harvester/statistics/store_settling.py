@@ -176,10 +176,10 @@ def _error_of_change(changes, random):
     realizations, batches = changes.shape
     if realizations >= FEWEST_BATCHES:
         return float(changes.sum(axis=1).std(ddof=1)) / math.sqrt(realizations)
-    places = np.arange(batches) - 0.5 * (batches - 1)
+    positions = np.arange(batches) - 0.5 * (batches - 1)
     trend = changes.mean(axis=0).mean()
     if batches > 2:
-        trend = trend + places * (changes.mean(axis=0) @ places) / (places @ places)
+        trend = trend + positions * (changes.mean(axis=0) @ positions) / (positions @ positions)
     spread = float((changes - trend).std()) / math.sqrt(realizations)
     # Under noise the changes add up like a random walk; in a periodic motion they cancel.
     return spread * math.sqrt(batches) if random else spread

@@ -111,10 +111,10 @@ class WellBalance:
         if self.shares is None:
             return None
         count, (realizations, batches) = len(series), self.weights.shape
-        places = _group_of(batches, count // realizations)
+        indices = _group_of(batches, count // realizations)
 
         def joined(rows):
-            groups = [rows[:, places == k].mean(axis=1) for k in range(count // realizations)]
+            groups = [rows[:, indices == k].mean(axis=1) for k in range(count // realizations)]
             return np.stack(groups, axis=1).reshape(count, -1)
 
         off = joined(self.weights[:, :, None] * (self.features - self.balanced))
@@ -126,7 +126,7 @@ class WellBalance:
         parts = within + joined(self.innovations) @ slopes
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
 
-    def _stand_on_enough(self, own, slopes, count):
+    def _stand_on_enough(self, within, slopes, count):
         """Whether there are enough jumps for means with these errors within the wells and slopes.
 
         The criterion is that of Satterthwaite, Biometrics Bull. 2, 110 (1946). A kind of jump that
@@ -134,8 +134,8 @@ class WellBalance:
         """
         seen = self.counts[:, :, None] + 1.0
         jumps = (self.changes @ slopes) ** 2 * seen
-        samples = (own**2 + jumps.sum(axis=(0, 1))) ** 2
-        spread = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
+        samples = (within**2 + jumps.sum(axis=(0, 1))) ** 2
+        spread = within**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
         return bool(np.all(samples >= FEWEST_JUMPS * spread))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
@@ -225,8 +225,8 @@ def _balanced(rates, shares, seen):
     flows = (shares[:, None] * rates)[seen]
     of_shares = _changes(rates, shares)
     of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
-    places = np.argwhere(seen)
-    for column, (well, other) in enumerate(places):
+    kinds = np.argwhere(seen)
+    for column, (well, other) in enumerate(kinds):
         of_flows[well, other, column] += shares[well]
     return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
 
@@ -255,8 +255,8 @@ def _weighted(moments, weights):
     """Weighted moments of one realization; data after the last complete batch have no weight."""
     padded = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
-    places = _group_of(len(padded), groups)
-    of_groups = np.bincount(places, padded, groups) / np.bincount(places, minlength=groups)
+    indices = _group_of(len(padded), groups)
+    of_groups = np.bincount(indices, padded, groups) / np.bincount(indices, minlength=groups)
     output = moments.output
     if output is not None:
         output = replace(

@@ -271,7 +271,7 @@ class FrequencyResponse(ResultBase):
         peaks = [
             (float(np.nanmax(self.values(self.power, s), initial=0.0)), s) for s in self.sweeps
         ]
-        power, sweep = max(peaks, key=lambda each: each[0])
+        power, sweep = max(peaks, key=lambda peak: peak[0])
         frequency = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
@@ -414,8 +414,8 @@ def _step_error(stepped, engine, frequency, rms_voltage, power):
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
     """Unique frequencies in Hz in ascending order, from a list, generator, array or number."""
-    one = [frequencies] if isinstance(frequencies, numbers.Real) else frequencies
-    rising = np.unique(real_numbers(one, "frequencies", "[10.0, 12.5]"))
+    listed_frequencies = [frequencies] if isinstance(frequencies, numbers.Real) else frequencies
+    rising = np.unique(real_numbers(listed_frequencies, "frequencies", "[10.0, 12.5]"))
     if rising[0] <= 0.0:
         raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     return rising
@@ -524,7 +524,7 @@ def _output_means(times, outputs, stop, measured, conductance):
     power = _integrals(times, conductance * voltage**2 + used, ends) / measured
     means = (_integrals(times, source, ends)[0] / measured for source in sources)
     least = LEAST_SUPPLY * abs(power[0])
-    supplied = sum(-taken for taken in means if -taken > least)
+    supplied = sum(-taken_power for taken_power in means if -taken_power > least)
     return float(mean[0]), float(power[0] - supplied)
 
 

@@ -714,14 +714,14 @@ def optimum(
         runner = opened.enter_context(open_runner(**running))
         stages = opened.enter_context(runner.in_stages())
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
+            result = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:
-            found = over_several(
+            result = over_several(
                 scene, axes, maximise, chosen, runner, stages, evaluations, precision
             )
-        location = {parameter.axis.key: parameter.place for parameter in found.parameters}
+        location = {parameter.axis.key: parameter.place for parameter in result.parameters}
         orbits = orbits_at(scene.replace(location), chosen, runner)
-    return replace(found, orbits=orbits, seconds=time.perf_counter() - clock)
+    return replace(result, orbits=orbits, seconds=time.perf_counter() - clock)
 
 
 def _power_of(scene):

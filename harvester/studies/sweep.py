@@ -249,14 +249,14 @@ def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
     """(note, its points) for each note; "" for a note that all points have."""
-    places: dict[str, None] = {}
+    points: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
     for location, lines in noted:
-        places[location] = None
+        points[location] = None
         for line in lines:
             notes.setdefault(line, {})[location] = None
     return [
-        (note, "" if len(locations) == len(places) else "; ".join(locations))
+        (note, "" if len(locations) == len(points) else "; ".join(locations))
         for note, locations in notes.items()
     ]
 
@@ -338,11 +338,11 @@ def _draw(sweep):
     # Numeric axes are preferred to text axes, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
-    others = [range(length) for k, length in enumerate(lengths) if k != along]
+    other_axes = [range(length) for k, length in enumerate(lengths) if k != along]
     panels = [
         _panel(sweep, name, along, other)
         for name in sweep.quantities
-        for other in itertools.product(*others)
+        for other in itertools.product(*other_axes)
     ]
     title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
     return draw_panels(panels, title)
@@ -380,16 +380,16 @@ def _has_words(values):
     return any(isinstance(value, str) for value in values)
 
 
-def _series(sweep, name, x, cells, place, factor):
+def _series(sweep, name, x, cells, number, factor):
     """One method's estimates; missing ones leave a gap."""
-    label = sweep.methods[place]
+    label = sweep.methods[number]
     method = _without_settings(label)
     means = [cell.estimates.get(name) for cell in cells]
     estimates = [mean and mean.times(factor) for mean in means]
     y = [math.nan if mean is None else mean.estimate for mean in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
-        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
+        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**number)
     errors = [mean and mean.standard_error for mean in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
     engines = [other for other in sweep.methods if _without_settings(other) not in CLOSURES]

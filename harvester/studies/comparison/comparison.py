@@ -117,7 +117,7 @@ class Comparison(ResultBase):
         apart = {
             name: self.share(name) for name in self.compared if differ(self.difference(name), 1.0)
         }
-        return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
+        return dict(sorted(apart.items(), key=lambda item: -_or_infinite(item[1])))
 
     @property
     def paired_apart(self) -> dict[str, Estimate]:
@@ -130,7 +130,7 @@ class Comparison(ResultBase):
             and bias.standard_error
             and differ(bias.estimate, bias.standard_error)
         }
-        return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
+        return dict(sorted(apart.items(), key=lambda item: -abs(item[1].estimate)))
 
     @property
     def agree(self) -> bool:
@@ -313,7 +313,9 @@ class Comparison(ResultBase):
         names: dict[str, list[str]] = {}
         for name, reason in self.refused.items():
             names.setdefault(reason, []).append(name)
-        listing = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+        listing = "; ".join(
+            f"{', '.join(closures)}: {reason}" for reason, closures in names.items()
+        )
         return [f"Closures that are not valid: {listing}"] if listing else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
@@ -386,9 +388,11 @@ def _or_infinite(share):
     return math.inf if math.isnan(share) else abs(share)
 
 
-def _sigmas(number, places):
+def _sigmas(number, decimals):
     # Rounding first removes the sign of −0.
-    return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"
+    return (
+        "no error bar" if math.isnan(number) else f"{round(number, decimals) + 0.0:+.{decimals}f} σ"
+    )
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:

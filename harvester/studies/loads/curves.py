@@ -58,7 +58,7 @@ class Difference:
 
 
 def optimum_of(
-    places: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
+    positions: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
 ) -> CurveOptimum:
     """The maximum of a curve, from a parabola through ln P at its highest point and neighbours.
 
@@ -79,15 +79,15 @@ def optimum_of(
     if not np.isfinite(heights).any():
         return CurveOptimum(None, note="no point has a value")
     best = int(np.nanargmax(heights))
-    if len(places) < 3:
-        return CurveOptimum(best, note="" if len(places) == 1 else EDGE)
-    if best in (0, len(places) - 1):
+    if len(positions) < 3:
+        return CurveOptimum(best, note="" if len(positions) == 1 else EDGE)
+    if best in (0, len(positions) - 1):
         return CurveOptimum(best, note=EDGE)
     near = [best - 1, best, best + 1]
     if not (heights[near] > 0.0).all():
         return CurveOptimum(best, note="a neighbour is not ranked: no interval")
-    logarithmic = min(places) > 0.0
-    axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
+    logarithmic = min(positions) > 0.0
+    axis = np.log(positions) if logarithmic else np.asarray(positions, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))
     shape = abs(vertex - _vertex(axis[near], heights[near])[0])
     runs_near: list[Any] = [series[k] for k in near]
@@ -98,7 +98,7 @@ def optimum_of(
         return CurveOptimum(best, note="too few realizations for an interval")
     low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
     note = ""
-    rivals = [k for k in range(len(places)) if k != best and _no_lower(series, k, best)]
+    rivals = [k for k in range(len(positions)) if k != best and _no_lower(series, k, best)]
     if rivals:
         rivals.append(best)
         low, high = min(low, axis[min(rivals)]), max(high, axis[max(rivals)])
@@ -186,9 +186,9 @@ def _vertex(x, y):
     return extremum, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
 
 
-def _no_lower(series, place, best):
+def _no_lower(series, index, best):
     """Whether a point is within two paired standard errors of the highest."""
-    if series[place] is None or series[best] is None:
+    if series[index] is None or series[best] is None:
         return False
-    error = error_of_sum((1.0, -1.0), (series[best], series[place]))
-    return error is None or series[best].mean() - series[place].mean() < INTERVAL * error
+    error = error_of_sum((1.0, -1.0), (series[best], series[index]))
+    return error is None or series[best].mean() - series[index].mean() < INTERVAL * error

@@ -140,8 +140,8 @@ def evaluating(
     cut = Realizations.of(prepared_scene, method, version, waveform=True)
     cost = step_error(prepared_scene, method.step, method.name)
 
-    def judge(good, ended):
-        evaluation = _evaluate(prepared_scene, method.name, good, ended, cost)
+    def judge(answers_so_far, ended):
+        evaluation = _evaluate(prepared_scene, method.name, answers_so_far, ended, cost)
         # More realizations do not improve a power that is not harvested.
         unknown = evaluation.realizations and not evaluation.is_supplied
         return evaluation, evaluation.relative_error if unknown else 0.0
@@ -154,7 +154,7 @@ def evaluating(
     return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
 
 
-def _evaluate(prepared_scene, method, good, ended, cost=0.0):
+def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
     """Evaluate the answers at one point.
 
     Parameters
@@ -167,15 +167,15 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
         Relative error of a power due to the step; see `harvester.scene.steps.step_error`.
     """
     scales = prepared_scene.scales
-    if not good:
+    if not answers:
         words = told(ended) if isinstance(ended, HarvesterError) else f"no run: {ended}"
         return Evaluation(method, words)
-    if "quantities" in good[0]:
-        estimates = in_units(good[0]["quantities"], scales)
+    if "quantities" in answers[0]:
+        estimates = in_units(answers[0]["quantities"], scales)
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, good, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, answers, cost)
     scene, run = prepared_scene.scene, run_estimates(prepared_scene, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
@@ -197,7 +197,7 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     estimates = in_units(run.whole, scales)
     estimates[POWER] = power
-    waveform = good[0]["waveform"]
+    waveform = answers[0]["waveform"]
     if waveform is not None:
         factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
         waveform = waveform * np.array(factors)[:, None]
@@ -213,14 +213,14 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
     )
 
 
-def series_of(prepared_scene: Prepared, good: Sequence[dict]) -> np.ndarray | None:
+def series_of(prepared_scene: Prepared, answers: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks by batch, in the scene's units, or None.
 
     Several realizations without noise are replaced by the mean over those on the followed orbit.
     """
-    if not good:
+    if not answers:
         return None
-    moments = followed(prepared_scene, good, 0.0).moments
+    moments = followed(prepared_scene, answers, 0.0).moments
     series = power_series(moments, prepared_scene.scales.power)
     return series if prepared_scene.scene.excitation.random else series.mean(axis=0, keepdims=True)
 

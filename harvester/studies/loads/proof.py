@@ -107,10 +107,10 @@ def places_to_prove(
         curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
         finite = [curve[np.isfinite(ranked[curve])] for curve in curves]
         best = {int(curve[np.argmax(ranked[curve])]) for curve in finite if curve.size}
-        others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
+        candidates = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
         chosen |= dict.fromkeys(best, True)
-        if others:
-            chosen[int(random.choice(others))] = False
+        if candidates:
+            chosen[int(random.choice(candidates))] = False
     return sorted(chosen.items())
 
 
@@ -168,8 +168,8 @@ def _difference(prepared_scene, costs, ours, theirs):
     """
     scene, powers = prepared_scene.scene, []
     for answers in (ours, theirs):
-        good, ended = answers_before_failure(answers)
-        series = series_of(prepared_scene, good)
+        successful, ended = answers_before_failure(answers)
+        series = series_of(prepared_scene, successful)
         if series is None:
             words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
             return math.nan, math.nan, words, math.nan

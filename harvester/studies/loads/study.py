@@ -158,13 +158,13 @@ class LoadStudy(ResultBase):
     def optima(self) -> np.ndarray:
         """(CurveOptimum, its position or None) of each curve: loads, other sweeps."""
         key, _ = self.curve_keys
-        places = self.grid.sweeps[key] if key else (0.0,)
-        order = np.argsort(places)
+        positions = self.grid.sweeps[key] if key else (0.0,)
+        order = np.argsort(positions)
         optima = np.empty(self.curves.shape[:-1], dtype=object)
         for where in np.ndindex(optima.shape):
             row = [self.curves[where][k] for k in order]
             powers, series = [e.ranked_power for e in row], [e.series for e in row]
-            optimum = optimum_of([places[k] for k in order], powers, series)
+            optimum = optimum_of([positions[k] for k in order], powers, series)
             optima[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return optima
 
@@ -179,8 +179,8 @@ class LoadStudy(ResultBase):
         loads = self.grid.loads
         rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
-            places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
-            best = {load: e for load, e in places if e}
+            best_points = ((load, self.best((k, *other))) for k, load in enumerate(loads))
+            best = {load: e for load, e in best_points if e}
             powers = {load: e.power for load, e in best.items()}
             rankings[other] = rank(powers, {load: e.series for load, e in best.items()})
         return rankings
@@ -256,15 +256,15 @@ class LoadStudy(ResultBase):
 
     def _unranked(self, where, key):
         """Text on points of a curve that are not ranked, and the reasons."""
-        places: dict[str, list[str]] = {}
+        values_by_reason: dict[str, list[str]] = {}
         for k, evaluation in enumerate(self.curves[where]):
             if evaluation.unranked:
                 unit = key_words(key, self.scene.units)[1] if key else ""
                 value = quantity(self.grid.sweeps[key][k], unit) if key else ""
-                places.setdefault(evaluation.unranked, []).append(value)
+                values_by_reason.setdefault(evaluation.unranked, []).append(value)
         return [
             f"at {', '.join(values)} not ranked: {reason}" if key else f"not ranked: {reason}"
-            for reason, values in places.items()
+            for reason, values in values_by_reason.items()
         ]
 
     def _value(self, key, value):
@@ -550,7 +550,7 @@ def _optima(study):
     key, others = study.curve_keys
     if key is None:
         return {}
-    places = np.array(study.grid.sweeps[key])
+    positions = np.array(study.grid.sweeps[key])
     dimensions = ("load", *others)
     shape = study.optima.shape
 
@@ -559,7 +559,7 @@ def _optima(study):
 
     attributes = {"along": key}
     return {
-        "highest_at": (dimensions, array(lambda o: math.nan if o[1] is None else places[o[1]])),
+        "highest_at": (dimensions, array(lambda o: math.nan if o[1] is None else positions[o[1]])),
         "optimum": (dimensions, array(lambda o: o[0].place), attributes),
         "optimum_low": (dimensions, array(lambda o: o[0].low), attributes),
         "optimum_high": (dimensions, array(lambda o: o[0].high), attributes),

@@ -43,26 +43,26 @@ class FlatSide:
     is_open: bool
 
 
-def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
+def climb(objective: Objective, point: tuple, stage: int) -> tuple[tuple, Any, list]:
     """Climb to a point that no other point along an axis exceeds, and measure its flat region.
 
     `place`: coordinates of the start; `stage`: number of the noise stream. Returns the point, its
     answer, and (FlatSide below, FlatSide above) for each axis.
     """
-    (answer,) = objective.answers([place], stage, moments=True)
+    (answer,) = objective.answers([point], stage, moments=True)
     moves = 0
     while True:
-        rays, higher = _look_around(objective, place, answer, stage)
+        rays, higher = _look_around(objective, point, answer, stage)
         if higher is None or moves == MOVES - 1:
             sides = [ray.side() for ray in rays]
-            return place, answer, list(zip(sides[::2], sides[1::2], strict=True))
-        place, answer = higher
+            return point, answer, list(zip(sides[::2], sides[1::2], strict=True))
+        point, answer = higher
         moves += 1
 
 
-def _look_around(objective, place, answer, stage):
+def _look_around(objective, point, answer, stage):
     """Rays from a point with their flat parts, and (point, answer) of a higher point or None."""
-    rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
+    rays = [_Ray(axis, way, point) for axis in range(len(point)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
         pairs = [(ray, share) for ray in rays for share in ray.wanted(turn)]
@@ -83,9 +83,9 @@ def _look_around(objective, place, answer, stage):
 class _Ray:
     """A line from a point along one axis to an end of its range."""
 
-    def __init__(self, axis, way, place):
-        self._axis, self._way, self._place = axis, way, place
-        self._length = place[axis] if way < 0.0 else 1.0 - place[axis]
+    def __init__(self, axis, way, point):
+        self._axis, self._way, self._place = axis, way, point
+        self._length = point[axis] if way < 0.0 else 1.0 - point[axis]
         self.flat, self.known = {}, True
 
     def at(self, reach):
@@ -119,7 +119,7 @@ class _Ray:
         return inside, None
 
 
-def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParameter]:
+def ranges(axes: Sequence[Axis], point: tuple, sides: list) -> list[OptimalParameter]:
     """The flat ranges from `climb`, in the unit of each parameter."""
     return [
         OptimalParameter(
@@ -130,5 +130,5 @@ def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParam
             open_low=below.is_open,
             open_high=above.is_open,
         )
-        for axis, coordinate, (below, above) in zip(axes, place, sides, strict=True)
+        for axis, coordinate, (below, above) in zip(axes, point, sides, strict=True)
     ]

@@ -134,8 +134,8 @@ def averaged(
     """(position, value, "") of the maximum by averaging, or (None, None, reason)."""
 
     def values(coordinates):
-        places = [axis.value(c) for c in coordinates]
-        requests = [Request(scene.replace({axis.key: location}), closure) for location in places]
+        locations = [axis.value(c) for c in coordinates]
+        requests = [Request(scene.replace({axis.key: location}), closure) for location in locations]
         outcomes = answers_in_time(runner, requests)
         refusals = [str(outcome) for outcome in outcomes if isinstance(outcome, HarvesterError)]
         amounts = [
@@ -222,8 +222,8 @@ class Search:
     def request(self, coordinate: float, **options: Any) -> Request:
         """The request for one point, with the number of realizations for the required precision."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
-        more = math.ceil(self._more * self.scene.run.realizations)
-        realizations = None if self._more == 1.0 else more
+        increased = math.ceil(self._more * self.scene.run.realizations)
+        realizations = None if self._more == 1.0 else increased
         return Request(scene, self.method, realizations=realizations, **options)
 
     def _answers(self, coordinates):
@@ -280,11 +280,11 @@ class Search:
         """Raise OptimumError if no differences are significant; say if all values are 0."""
         values = [answer.in_units()[self.quantity] for answer in answers]
         unit = unit_of(self.scene, values[0].dimension)
-        places = ", ".join(
+        listing = ", ".join(
             f"{with_error(value, unit)} at {self.axis.value(coordinate):.4g}"
             for value, coordinate in zip(values, _spread(*window), strict=True)
         )
-        advice = f"{flat}: {places}; {longer_runs(self.scene)}, or {otherwise}"
+        advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
             advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
@@ -307,13 +307,13 @@ class Search:
             (self.axis.value(c), answer.in_units()[self.quantity])
             for c, answer in zip(coordinates, answers, strict=True)
         ]
-        place = self.axis.value(coordinate)
+        location = self.axis.value(coordinate)
         if isinstance(self.method, Engine) and not self.scene.excitation.random:
             # A step error that varies over the window moves the maximum in proportion.
-            there = self.scene.replace({self.axis.key: place})
-            cost = step_error(prepared(there), self.method.step, self.method.name)
-            error = math.hypot(error, cost * place)
-        return Estimate(place, error, None, "1"), fitted
+            scene_at_maximum = self.scene.replace({self.axis.key: location})
+            cost = step_error(prepared(scene_at_maximum), self.method.step, self.method.name)
+            error = math.hypot(error, cost * location)
+        return Estimate(location, error, None, "1"), fitted
 
     def _refuse_end(self, coordinate):
         raise OptimumError(
@@ -389,29 +389,31 @@ class CubicFit:
         self._look_for_misfit(places, values, series, powers @ solve)
         self._look_at_ends(places, values, series)
 
-    def _look_for_misfit(self, places, values, series, fitting):
-        residual = np.eye(len(places)) - fitting
+    def _look_for_misfit(self, positions, values, series, fitting):
+        residual = np.eye(len(positions)) - fitting
         off = np.abs(residual @ values)
         errors = [self._error_of(row) for row in np.tensordot(residual, series, 1)]
         beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
         self.bias, self.misfit = 0.0, False
         if beyond and self.peaked:
             fine = np.linspace(-1.0, 1.0, 20001)
-            self.bias = float(abs(fine[np.argmax(CubicSpline(places, values)(fine))] - self.place))
+            self.bias = float(
+                abs(fine[np.argmax(CubicSpline(positions, values)(fine))] - self.place)
+            )
             fall = values.max() - max(values[0], values[-1])
             narrow = fall <= NARROWED * values.max()
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
-    def _look_at_ends(self, places, values, series):
+    def _look_at_ends(self, positions, values, series):
         """Compare the values at the window's ends with the highest, since a cubic fit of a plateau
         also has a maximum.
         """
         self.flat_to, self.noisy_ends = 0, False
-        nearest = int(np.argmin(np.abs(places - self.place)))
+        nearest = int(np.argmin(np.abs(positions - self.place)))
         least = STANDS_OUT * abs(values[nearest])
         for end in (0, -1):
             fall = values[nearest] - values[end]
             error = self._error_of(series[nearest] - series[end])
             if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
-                self.flat_to = int(np.sign(places[end]))
+                self.flat_to = int(np.sign(positions[end]))
                 self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

@@ -73,26 +73,26 @@ class Objective:
         self._runner, self._begin = runner, begin
         self.evaluated = 0
 
-    def values_at(self, place: Sequence[float]) -> dict[str, float]:
+    def values_at(self, point: Sequence[float]) -> dict[str, float]:
         """The parameters at a point."""
-        return {a.key: a.value(float(c)) for a, c in zip(self.axes, place, strict=True)}
+        return {a.key: a.value(float(c)) for a, c in zip(self.axes, point, strict=True)}
 
-    def scene_at(self, place: Sequence[float], stage: int = 0) -> Scene:
+    def scene_at(self, point: Sequence[float], stage: int = 0) -> Scene:
         """The scene at a point; each stage of a search has different noise."""
-        changes = self.values_at(place)
+        changes = self.values_at(point)
         if stage and self.noisy:
             words = np.random.SeedSequence(self.scene.run.seed, spawn_key=(stage, 0))
             changes["run.seed"] = int(words.generate_state(1, np.uint64)[0])
         return self.scene.replace(changes)
 
-    def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
+    def answers(self, points: Sequence, stage: int = 0, **options: Any) -> list:
         """Answers at points; the error at points that fail.
 
         `**options`: options of the `Request`.
         """
-        answers: list[Any] = [None] * len(places)
+        answers: list[Any] = [None] * len(points)
         requests: dict[int, Request] = {}
-        for k, location in enumerate(places):
+        for k, location in enumerate(points):
             try:
                 requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:

@@ -141,8 +141,8 @@ class Optimum(ResultBase):
         keys = [key_column(key, self.scene.units) for key in self.keys]
         header = [*keys, f"{self.quantity} [{self.unit}]", f"standard_error [{self.unit}]"]
         return header, [
-            [*(place[key] for key in self.keys), mean.estimate, mean.standard_error]
-            for place, mean in self.searched
+            [*(location[key] for key in self.keys), mean.estimate, mean.standard_error]
+            for location, mean in self.searched
         ]
 
     def _table_of_methods(self, averaging):
@@ -166,16 +166,18 @@ class Optimum(ResultBase):
 
     def _headline(self) -> str:
         """The optimum, its value, and the maximised quantity."""
-        places = ", ".join(
+        listing = ", ".join(
             f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
             for parameter in self.parameters
         )
         words = self.quantity.replace("_", " ")
-        return f"largest {words}: {with_error(self.value, self.unit)} at {places}, by {self.method}"
+        return (
+            f"largest {words}: {with_error(self.value, self.unit)} at {listing}, by {self.method}"
+        )
 
-    def _at(self, key, place):
+    def _at(self, key, value):
         """A value of a key with its unit, as text."""
-        return quantity(place, key_words(key, self.scene.units)[1])
+        return quantity(value, key_words(key, self.scene.units)[1])
 
     def _span(self, key, low, high):
         """A range of a key with its unit, as text."""
@@ -185,8 +187,8 @@ class Optimum(ResultBase):
         """Sentences on the intervals of optimum and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
-        (one,) = self.parameters
-        key = one.axis.key
+        (parameter,) = self.parameters
+        key = parameter.axis.key
         searched = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
         return [
             *self._on_averaging(self.averaging),
@@ -314,10 +316,10 @@ class Optimum(ResultBase):
 
     def _side_by_side(self, averaging):
         location_deviation, value = self._off(averaging)
-        (one,) = self.parameters
+        (parameter,) = self.parameters
         return {
-            "over": one.axis.key,
-            "range": [one.axis.low, one.axis.high],
+            "over": parameter.axis.key,
+            "range": [parameter.axis.low, parameter.axis.high],
             "averaging": {
                 **fields_of(averaging),
                 "place_deviation": location_deviation,
@@ -329,7 +331,7 @@ class Optimum(ResultBase):
                 "interval": self.interval,
                 "value": self.value,
                 "fitted": [
-                    {"place": values[one.axis.key], **mean.to_dict()}
+                    {"place": values[parameter.axis.key], **mean.to_dict()}
                     for values, mean in self.searched
                 ],
             },
@@ -357,31 +359,31 @@ class Optimum(ResultBase):
         }
 
 
-def _draw(found):
+def _draw(optimum):
     """Draw the searched points, the maximum, and its flat range.
 
     With several parameters the points also differ in the others, so only the upper envelope is
     meaningful.
     """
-    panels = [_panel(found, parameter) for parameter in found.parameters]
+    panels = [_panel(optimum, parameter) for parameter in optimum.parameters]
     title = (
-        f"{found.scene.name}: {len(found.searched)} points searched, by {found.method} "
+        f"{optimum.scene.name}: {len(optimum.searched)} points searched, by {optimum.method} "
         "(bars: two standard errors)"
     )
     return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
 
 
-def _panel(found, each):
-    key = each.axis.key
-    factor, unit = prefixed(found.value.estimate, found.unit.split()[0])
-    places = [location[key] for location, _ in found.searched]
-    searched = [value.times(factor) for _, value in found.searched]
+def _panel(optimum, parameter):
+    key = parameter.axis.key
+    factor, unit = prefixed(optimum.value.estimate, optimum.unit.split()[0])
+    coordinates = [location[key] for location, _ in optimum.searched]
+    searched = [value.times(factor) for _, value in optimum.searched]
     values = [value.estimate for value in searched]
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
-    top = found.value.times(factor)
+    top = optimum.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
     maximum = Series(
-        x=[each.place],
+        x=[parameter.place],
         y=[top.estimate],
         label="maximum",
         colour=MAXIMUM,
@@ -391,22 +393,26 @@ def _panel(found, each):
         size=8.0,
     )
     return Panel(
-        x_label=key_label(key, found.scene.units),
-        y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",
-        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
-        log_x=each.axis.logarithmic,
-        more=partial(_draw_bounds, found, each, factor),
+        x_label=key_label(key, optimum.scene.units),
+        y_label=f"{optimum.quantity.replace('_', ' ')} [{unit or '1'}]",
+        series=[Series(coordinates, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=parameter.axis.logarithmic,
+        more=partial(_draw_bounds, optimum, parameter, factor),
     )
 
 
-def _draw_bounds(found, each, factor, axes):
+def _draw_bounds(optimum, parameter, factor, axes):
     """Draw the optimum's interval or flat region, and the value of the unchanged scene."""
-    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
-    if each.standard_error is not None:
-        (low, high), label = found.interval, "interval of the place"
+    low, high, label = (
+        parameter.flat_low,
+        parameter.flat_high,
+        f"within {FLAT_SHARE:.0%}, the others held",
+    )
+    if parameter.standard_error is not None:
+        (low, high), label = optimum.interval, "interval of the place"
     if not math.isnan(low + high):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
-    if found.own is not None:
+    if optimum.own is not None:
         axes.axhline(
-            factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+            factor * optimum.own.estimate, color=OWN, linestyle=":", label="the scene itself"
         )

@@ -116,17 +116,21 @@ def _search(objective, count):
     grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
         # The search begins at the scene's values if they are in the ranges.
-        own = [axis.own(objective.scene) for axis in axes]
-        inside = all(axis.low <= value <= axis.high for axis, value in zip(axes, own, strict=True))
-        first = [axis.coordinate(value) for axis, value in zip(axes, own, strict=True) if inside]
+        scene_values = [axis.own(objective.scene) for axis in axes]
+        inside = all(
+            axis.low <= value <= axis.high for axis, value in zip(axes, scene_values, strict=True)
+        )
+        first = [
+            axis.coordinate(value) for axis, value in zip(axes, scene_values, strict=True) if inside
+        ]
         proposals = Proposals(len(axes), objective.scene.run.seed, first or None)
     while len(searched) < count:
         done, size = len(searched), min(BATCH, count - len(searched))
-        places = proposals.ask(size) if proposals else grid[done : done + size]
-        values = [objective.value(answer) for answer in objective.answers(places)]
+        points = proposals.ask(size) if proposals else grid[done : done + size]
+        values = [objective.value(answer) for answer in objective.answers(points)]
         if proposals:
             proposals.tell([finite(value) for value in values])
-        searched += zip(places, values, strict=True)
+        searched += zip(points, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
         raise OptimumError(f"all runs failed, at each of {len(searched)} points")
     return searched
@@ -135,17 +139,20 @@ def _search(objective, count):
 def _chosen(objective, searched):
     """The highest point; under noise, the highest of the best points on independent noise."""
     ended = [pair for pair in searched if not math.isnan(pair[1])]
-    highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
+    highest = [
+        coordinates
+        for coordinates, _ in sorted(ended, key=lambda point_and_value: -point_and_value[1])
+    ]
     if not objective.noisy:
         return highest[0]
-    places = list(dict.fromkeys(highest))[:CONFIRMED]
-    values = [objective.value(answer) for answer in objective.answers(places, AGAIN, moments=True)]
+    points = list(dict.fromkeys(highest))[:CONFIRMED]
+    values = [objective.value(answer) for answer in objective.answers(points, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
         raise OptimumError("the second runs failed at all of the highest points")
-    return places[int(np.nanargmax(values))]
+    return points[int(np.nanargmax(values))]
 
 
-def _refined(objective, place):
+def _refined(objective, point):
     """The maximum near a point, to the precision of a method without noise."""
 
     def loss(coordinates):
@@ -153,8 +160,8 @@ def _refined(objective, place):
         value = objective.value(answer)
         return math.inf if math.isnan(value) else -value / scale
 
-    (answer,) = objective.answers([place])
+    (answer,) = objective.answers([point])
     scale = abs(objective.value(answer)) or 1.0
     radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
-    best = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
+    best = minimize(loss, point, method="COBYQA", bounds=[(0.0, 1.0)] * len(point), options=radii)
     return tuple(map(float, best.x))

@@ -133,9 +133,9 @@ class Basins(ResultBase):
             *orbit_sentences(self.orbits, self.unit),
             "shares are those of starts on this grid, and depend on the grid",
         ]
-        left = self.orbit.size - count
-        if left:
-            lines.append(f"{left} starts were not followed: the time budget was spent")
+        unfollowed = self.orbit.size - count
+        if unfollowed:
+            lines.append(f"{unfollowed} starts were not followed: the time budget was spent")
         return lines
 
     def _axis(self, name, values):
@@ -175,8 +175,8 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     plural = "" if len(steady) == 1 else "s"
     lines = [f"{len(steady) or 'no'} steady motion{plural}{': ' if named else ''}{named}"]
     if steady:
-        best = max(steady, key=lambda each: each.mean_power)
-        least = min(steady, key=lambda each: each.mean_power)
+        best = max(steady, key=lambda orbit: orbit.mean_power)
+        least = min(steady, key=lambda orbit: orbit.mean_power)
         lines.append(
             f"largest power on orbit {best.name}, {best.text('mean_power', unit('power'))}: "
             f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"

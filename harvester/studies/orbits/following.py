@@ -149,8 +149,8 @@ def following(
             witnesses = group.members[:: math.ceil(group.members.size / WITNESSES)]
             yield from plan.follow(witnesses, LONGER, LONGER**2)
             if _wandering(samples[witnesses]).size < witnesses.size:
-                others = np.setdiff1d(group.members, witnesses)
-                yield from plan.follow(others, LONGER, LONGER**2)
+                remaining = np.setdiff1d(group.members, witnesses)
+                yield from plan.follow(remaining, LONGER, LONGER**2)
     return samples
 
 
@@ -182,26 +182,26 @@ class _Onwards(NamedTuple):
     samples: np.ndarray
     periods: int
 
-    def follow(self, places, done, total):
+    def follow(self, indices, done, total):
         """Follow some starts from `done` to `total` times the periods."""
-        if not len(places):
+        if not len(indices):
             return
         # With a resistor the samples contain the full state, so runs continue from them. A
         # netlist's capacitors and inductors have further states, so runs restart.
         if self.scene.load.is_resistor:
-            begin, times = self.samples[places, -1, :STATE], total - done
+            begin, times = self.samples[indices, -1, :STATE], total - done
         else:
-            begin, times = self.starts[places], total
+            begin, times = self.starts[indices], total
         later = yield from _pieces(
             self.scene, self.engine, self.version, begin, times * self.periods,
             self.samples.shape[1] - 1,
         )  # fmt: skip
-        self.samples[places] = np.where(np.isnan(later), self.samples[places], later)
+        self.samples[indices] = np.where(np.isnan(later), self.samples[indices], later)
 
 
-def _pieces(scene, engine, version, starts, periods, kept):
+def _pieces(scene, engine, version, starts, periods, sample_count):
     """Yield tasks of several starts each, and return the samples of all starts."""
-    calls = calls_of(scene, engine, starts, periods, kept)
+    calls = calls_of(scene, engine, starts, periods, sample_count)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
         [
@@ -213,7 +213,7 @@ def _pieces(scene, engine, version, starts, periods, kept):
     for answer, call in zip(answers, calls, strict=True):
         if isinstance(answer, HarvesterError):
             raise answer
-        missing = np.full((len(call["starts"]), kept + 1, len(COLUMNS)), np.nan)
+        missing = np.full((len(call["starts"]), sample_count + 1, len(COLUMNS)), np.nan)
         pieces.append(missing if answer is None else answer)
     return np.concatenate(pieces)
 
@@ -239,7 +239,7 @@ def orbits_of(
             exponent = exponent_of(scene, parting, scale)
             if exponent is not None and exponent.chaotic and unsettled != CHARGING:
                 motions.append((group.members, samples[group.members], group.points, exponent))
-    motions.sort(key=lambda each: (-each[0].size, each[0].min()))
+    motions.sort(key=lambda motion: (-motion[0].size, motion[0].min()))
     which, orbits = np.full(len(starts), -1), []
     followed, ended = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
     escaped, diverged = ended & (samples[:, -1, 0] > 0.0), ended & (samples[:, -1, 0] < 0.0)

@@ -249,11 +249,11 @@ def residence(
     engine = engine_of(method, step=step)
     engine.check(scene)
     key: str | None = None
-    places: list[Any] = [None]
+    points: list[Any] = [None]
     if over is not None or values is not None:
         key, values = key_and_values(over or "", values)
-        places = [*values]
-    scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in places]
+        points = [*values]
+    scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in points]
     for prepared_scene in scenes:
         work.require_wells(prepared_scene)
     with open_runner(**running) as runner:
@@ -261,7 +261,7 @@ def residence(
         outcomes: list[Any] = runner.follow(
             [
                 work.staying(prepared_scene, value, engine, version, precision)
-                for prepared_scene, value in zip(scenes, places, strict=True)
+                for prepared_scene, value in zip(scenes, points, strict=True)
             ]
         )
     return work.Residence(

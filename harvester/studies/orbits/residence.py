@@ -192,10 +192,10 @@ class Residence(ResultBase):
         for reason, values in reasons.items():
             where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
             lines.append(f"Kramers' formula is not valid{where}: {reason}")
-        few = [stay for stay in self.stays if stay.standard_error is None]
-        if few:
+        without_error = [stay for stay in self.stays if stay.standard_error is None]
+        if without_error:
             lines.append(
-                f"{len(few)} of {len(self.stays)} have no error bar, with fewer than "
+                f"{len(without_error)} of {len(self.stays)} have no error bar, with fewer than "
                 f"{FEWEST_STAYS} stays: raise run.duration = {self.scene.run.duration:g}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
@@ -331,12 +331,12 @@ def stays_of(
         )
     rows = []
     for number, well in enumerate(wells):
-        spent, left = times[:, :, number].ravel(), exits[:, :, number].ravel()
-        count, watched = float(left.sum()), float(spent.sum())
+        spent, departures = times[:, :, number].ravel(), exits[:, :, number].ravel()
+        count, watched = float(departures.sum()), float(spent.sum())
         time = watched / count if count else math.inf
         error = None
         if count >= FEWEST_STAYS:
-            off = spent - time * left
+            off = spent - time * departures
             blocks = int(np.count_nonzero(spent > 0.0))
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
             error *= 1.0 + RAISED / count

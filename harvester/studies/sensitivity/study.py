@@ -190,9 +190,12 @@ class Sensitivity(ResultBase):
         )
         return [*lines, *self.notes, *self.failures]
 
-    def _spread(self, each):
+    def _spread(self, interval):
         """A quantity's interval as text."""
-        words = (quantity(number, self.unit) for number in (each.estimate, each.low, each.high))
+        words = (
+            quantity(number, self.unit)
+            for number in (interval.estimate, interval.low, interval.high)
+        )
         return "{} ({} … {})".format(*words)
 
     def _on_noise(self):
@@ -312,21 +315,21 @@ def study_of(
     )
 
 
-def _check_rows(kept, failures, out_of_time):
-    if kept.sum() >= FEWEST_ROWS and (out_of_time or kept.mean() >= 1.0 - LARGEST_FAILURE):
+def _check_rows(complete, failures, out_of_time):
+    if complete.sum() >= FEWEST_ROWS and (out_of_time or complete.mean() >= 1.0 - LARGEST_FAILURE):
         return
     if failures:
         raise HarvesterError(
-            f"{len(failures)} devices failed, and {kept.sum()} of {kept.size} rows are complete: "
-            f"{failures[0]}"
+            f"{len(failures)} devices failed, and {complete.sum()} of {complete.size} rows are "
+            f"complete: {failures[0]}"
         )
     raise OutOfTime(
-        f"the time budget was spent after {kept.sum()} of {kept.size} rows, but indices need "
-        f"{FEWEST_ROWS}; repeat the call with the same output to continue"
+        f"the time budget was spent after {complete.sum()} of {complete.size} rows, but indices "
+        f"need {FEWEST_ROWS}; repeat the call with the same output to continue"
     )
 
 
-def _told(kept, failures, out_of_time):
+def _told(complete, failures, out_of_time):
     lines = []
     if failures:
         lines.append(
@@ -335,17 +338,17 @@ def _told(kept, failures, out_of_time):
         )
     if out_of_time:
         lines.append(
-            f"out of time: {kept.sum()} of {kept.size} rows; with an output folder, repeat the "
-            "command to continue"
+            f"out of time: {complete.sum()} of {complete.size} rows; with an output folder, repeat "
+            "the command to continue"
         )
     return tuple(lines)
 
 
-def _signed(each, mean):
+def _signed(effect, mean):
     """An effect as a share of the mean, followed by half the width of its interval."""
     if mean == 0.0:
         return NOT_KNOWN
-    share, ends = each.estimate / mean, sorted((each.low / mean, each.high / mean))
+    share, ends = effect.estimate / mean, sorted((effect.low / mean, effect.high / mean))
     text = share_with_error(Estimate(share, 0.5 * (ends[1] - ends[0]), None, "1"))
     return Printed(text, share, None, "1", (ends[0], ends[1]))
 

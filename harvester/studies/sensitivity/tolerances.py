@@ -241,8 +241,8 @@ def devices(
     """
     realizations = max(scene.run.realizations // replicates, 1)
     rows = []
-    for place, row in enumerate(shares):
-        seeds = [_seed(scene.run.seed, place, k) for k in range(replicates)]
+    for row_number, row in enumerate(shares):
+        seeds = [_seed(scene.run.seed, row_number, k) for k in range(replicates)]
         try:
             scenes = [scene.replace(parameters(tolerances, quantiles)) for quantiles in row]
         except SceneError as error:
