@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
 from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
-from harvester.cli.output import check_places, show, study_runner, write_result
+from harvester.cli.output import check_outputs, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class Command:
         defaults = {name: option.default for name, option in parameters.items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        check_places(**outputs, names=[name])
+        check_outputs(**outputs, names=[name])
         # The progress bar of a single run names its method.
         label, seconds = self.name.replace("-", " "), 0.0
         if self.is_run and scene:

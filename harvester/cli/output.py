@@ -37,7 +37,7 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
         raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 
-def check_places(
+def check_outputs(
     json: str | None,
     output: str | os.PathLike | None,
     report: str | None = None,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Unpack
 
 from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind, RunnerOptions, Seed, Share, as_list
-from harvester.cli.output import check_places, show, study_runner, write_result
+from harvester.cli.output import check_outputs, show, study_runner, write_result
 
 
 def reproduce(
@@ -55,7 +55,7 @@ def reproduce(
     for name in figures:
         check_name("figure", name, (*NAMES, "all"))
     names = [name for name in NAMES if name in figures or "all" in figures]
-    check_places(None, output, names=names)
+    check_outputs(None, output, names=names)
     scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
     finished = {}
 

@@ -37,9 +37,9 @@ from harvester.identification.search import (
     LAST,
     ON_THE_WAY,
     followed,
-    followed_anew,
     in_short_windows,
     opened,
+    restarted,
     searched,
     short_windows,
 )
@@ -443,7 +443,7 @@ def _otherwise(shooting, fit, other):
     """A list of the start with another interpolation; empty if no motion results."""
     responses, begun = shooting.responses, opened(shooting, fit)
     interpolation, responses.interpolation = responses.interpolation, other
-    trial = followed_anew(shooting, begun, fit.cost)
+    trial = restarted(shooting, begun, fit.cost)
     if trial:
         # Both costs are compared with the same weights.
         trial = replace(trial, noise=fit.noise)
@@ -473,7 +473,7 @@ def _warmed(coarse, fine, free, warm):
             return shooting, near
     begun = replace(opened(warm.shooting, fit), values=values)
     shooting.responses = coarse
-    anew = followed_anew(shooting, begun, rival)
+    anew = restarted(shooting, begun, rival)
     return (shooting, anew) if anew else None
 
 

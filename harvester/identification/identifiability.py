@@ -181,7 +181,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     suspected : sequence of str, optional
         Keys; by default all sensors' gains, the loads' resistances and the mass.
     """
-    assumed = _known(fitted.shooting.responses, suspected)
+    assumed = _assumed_keys(fitted.shooting.responses, suspected)
     if not assumed:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
@@ -199,7 +199,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     return result
 
 
-def _known(responses, suspected):
+def _assumed_keys(responses, suspected):
     """Keys of assumed values, with the numbers of the records that share an error."""
     shared: dict[tuple[str, float], list[int]] = {}
     for number, experiment in enumerate(responses.experiments):

@@ -159,7 +159,7 @@ class StartingPoint:
     motions: list[Motion]
 
 
-def as_it_is(
+def unchanged_start(
     responses: Responses, values: np.ndarray, centre: float | None = None
 ) -> StartingPoint:
     """The start at given values with the corresponding motions, centred if `centre` is given."""
@@ -200,7 +200,7 @@ def regressed(
         changed = np.clip(list(fitted_values.values()), low, high)
         if responses.at(number, changed).device is None:
             continue
-        start = as_it_is(responses, changed)
+        start = unchanged_start(responses, changed)
         # The regression gives only this record's origin; the other records' motions start about the
         # same place.
         motions = [path.centred(origin) for path in start.motions]
@@ -425,7 +425,7 @@ def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[Start
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     positions = [*wells[:1]] if measured else [*wells, *saddles]
-    starts += [as_it_is(responses, values, centre) for centre in positions]
+    starts += [unchanged_start(responses, values, centre) for centre in positions]
     return [_with_velocity_scale(responses, start) for start in starts]
 
 

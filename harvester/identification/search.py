@@ -202,7 +202,7 @@ def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
+def restarted(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
     """Restart a fit in short windows and complete it; None if no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
@@ -258,14 +258,16 @@ def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> Sho
     if not short.grams:
         return None
     for number, old in enumerate(short.edges):
-        first_windows = _kept(short.transitions[number], short.growth[number], old, most[number])
+        first_windows = _window_begins(
+            short.transitions[number], short.growth[number], old, most[number]
+        )
         joined |= first_windows.size < len(fit.starts[number])
         edges.append(np.append(old[first_windows], old[-1]))
         starts.append(short.starts[number][first_windows])
     return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
 
 
-def _kept(transitions, growth, edges, most):
+def _window_begins(transitions, growth, edges, most):
     """Indices of the windows at which the joined windows start.
 
     An error of the start may decay while an error from an inexact value grows later. Therefore

@@ -268,7 +268,7 @@ def findings(evidence: FitEvidence) -> list[str]:
         lines.append(f"covered ranges: {evidence.visited.ranges}")
         lines.append(f"extrapolated: {', '.join(evidence.visited.extrapolated)}")
     for record in evidence.records:
-        lines += [_left(record, part) for part in record.unexplained]
+        lines += [_residual_line(record, part) for part in record.unexplained]
         lines.append(_power(record))
     mixed = {name for names in dependent(evidence).values() for name in names}
     lines += [str(entry) for entry in evidence.assumptions if _label(evidence, entry) in mixed]
@@ -320,7 +320,7 @@ def _rival_lines(rivals):
     return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
 
 
-def _left(record, part):
+def _residual_line(record, part):
     text = f"{record.name}, {record.aside}: {part.output} NRMSE {part.left:.2%}, {part.noise:.2%} "
     followed = f"; {part.systematic:.2%} depend on the motion" if record.long else ""
     return f"{text}is noise{followed}{'' if part.is_noise else ': more than noise'}"

@@ -56,7 +56,7 @@ def _with_progress(
             yield {**options, "progress": bar}
 
 
-def _refuse_meant(function, option, accepted):
+def _reject_misnamed(function, option, accepted):
     """Raise UnknownOption with a hint if `option` is a scene key or a command-line spelling."""
     from harvester.scene.tables import all_keys
 
@@ -88,7 +88,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options.keys() - accepted.keys():
-            _refuse_meant(name, option, accepted)
+            _reject_misnamed(name, option, accepted)
         check_known(name, options, [item for item in accepted if item != "scene"])
         with (
             usual_arithmetic(),

@@ -112,13 +112,13 @@ def _kind(name):
 
 def _object(keys: Mapping[str, Key], extra: Mapping[str, Any] = {}) -> dict[str, Any]:
     """Schema of a table with these keys, all optional."""
-    properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
+    properties = {n: _value(spec) | _description(spec) for n, spec in keys.items() if spec.written}
     return {
         "type": "object", "properties": {**properties, **extra}, "additionalProperties": False
     }  # fmt: skip
 
 
-def _told(spec):
+def _description(spec):
     """The description of a key with its units, and its default if it has one."""
     units = [f"{spec.unit} in SI"] if spec.unit not in ("", "1") else []
     units += [f"{spec.scaled} in scaled scenes"] if spec.scaled else []

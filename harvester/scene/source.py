@@ -64,12 +64,12 @@ def _find(source):
     path, where = Path(source), named(str(source))
     if os.path.exists(path):
         return path
-    hint = nearest(path.name, [*built_in_names(), *_beside(path)])
+    hint = nearest(path.name, [*built_in_names(), *_neighbouring_scenes(path)])
     noun = "scene file" if path.suffix == ".toml" else "scene"
     raise SceneError(f"{where}: no such {noun}{hint}; built in are {_listed()}")
 
 
-def _beside(path):
+def _neighbouring_scenes(path):
     """Names of the scene files in a path's folder."""
     try:
         return sorted(file.name for file in path.parent.glob("*.toml"))

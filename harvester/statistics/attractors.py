@@ -233,8 +233,8 @@ def groups_of(samples: np.ndarray) -> list[Group]:
         for period in np.unique(periods[periods > 0])
         for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
     ]
-    groups, wandering = _joined(groups, samples, scale, np.flatnonzero(periods == 0))
-    groups += _wanderers(samples, wandering)
+    groups, wandering = _with_late_starts(groups, samples, scale, np.flatnonzero(periods == 0))
+    groups += _aperiodic_groups(samples, wandering)
     return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
@@ -269,7 +269,7 @@ def _cycles(samples, scale, period, members):
     return groups
 
 
-def _joined(cycles, samples, scale, members):
+def _with_late_starts(cycles, samples, scale, members):
     """Add starts that reached a cycle late, and return the cycles and the remaining starts."""
     extended = []
     for cycle in cycles:
@@ -284,7 +284,7 @@ def _joined(cycles, samples, scale, members):
     return extended, members
 
 
-def _wanderers(samples, members):
+def _aperiodic_groups(samples, members):
     """Group aperiodic starts by the cells of the section that they fill."""
     if not members.size:
         return []
@@ -307,12 +307,12 @@ def _wanderers(samples, members):
             best = len(filled) - 1
         visited = filled[best][0]
         visited[x, v] = True
-        filled[best] = (visited, _beside(visited))
+        filled[best] = (visited, _with_neighbours(visited))
         groups[best].append(index)
-    return [_wandering(samples, members, united) for united in _united(filled, groups)]
+    return [_aperiodic_group(samples, members, united) for united in _merged_groups(filled, groups)]
 
 
-def _united(filled, groups):
+def _merged_groups(filled, groups):
     """Merge groups if most cells of one belong to another."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
     separate: list[int] = []
@@ -327,7 +327,7 @@ def _united(filled, groups):
     return [sorted(groups[k]) for k in separate]
 
 
-def _beside(filled):
+def _with_neighbours(filled):
     """Filled cells and their neighbours."""
     near = filled.copy()
     for axis in (0, 1):
@@ -341,7 +341,7 @@ def _beside(filled):
     return near
 
 
-def _wandering(samples, members, indices):
+def _aperiodic_group(samples, members, indices):
     some = members[np.array(indices)]
     points = samples[some].reshape(-1, samples.shape[2])
     every = max(1, math.ceil(len(points) / MOST_POINTS))

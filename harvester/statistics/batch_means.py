@@ -156,7 +156,7 @@ def student_factor(freedom: int) -> float:
     return float(stdtrit(freedom, 0.975)) / 1.96
 
 
-def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
+def deterministic_error(series: np.ndarray, drawn: bool = False) -> float | None:
     """Error of a mean over whole periods of a deterministic excitation.
 
     It includes the remaining transient: the change from the first to the second half. For another

@@ -57,8 +57,8 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
             sample = np.floor(begin / interval + 1e-9) + 1.0
             while sample * interval <= time[i] + 1e-9 * interval:
                 share = (sample * interval - begin) / (time[i] - begin)
-                row = _place(latest[1] + share * (x[i] - latest[1]), 0, counts, widths)
-                column = _place(latest[2] + share * (v[i] - latest[2]), 1, counts, widths)
+                row = _bin_of(latest[1] + share * (x[i] - latest[1]), 0, counts, widths)
+                column = _bin_of(latest[2] + share * (v[i] - latest[2]), 1, counts, widths)
                 # The bins of the two axes may have been doubled separately.
                 counts[row + half, column + half] += np.uint32(1)
                 sample += 1.0
@@ -66,7 +66,7 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
 
 
 @compiled
-def _place(value, axis, counts, widths):
+def _bin_of(value, axis, counts, widths):
     """Bin of a value, counted from the middle; bins are doubled until one contains it."""
     half = BINS // 2
     position = np.floor(value / widths[axis])

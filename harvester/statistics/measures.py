@@ -110,7 +110,7 @@ def _state(name, series, batches, moments, row, error_of):
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
 
 
-def _taken(name, series, batches, moments, row, error_of):
+def _event_energy(name, series, batches, moments, row, error_of):
     """Energy per event: the power taken during a state, whose row precedes this one."""
     state = measured_series(moments, row - 1)
     if not np.isfinite(state[:, :, INTEGRAL]).all():
@@ -125,7 +125,7 @@ _QUANTITIES = {
     LOSS: _power("loss"),
     STORE: _store,
     STATE: _state,
-    TAKEN: _taken,
+    TAKEN: _event_energy,
 }
 
 

@@ -22,9 +22,9 @@ from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
     constant,
+    deterministic_error,
     duration_for_error,
     error_of_starts,
-    error_without_chance,
     measured_time,
     standard_error,
     standard_error_of_drift,
@@ -315,7 +315,7 @@ def error_of(scene: Scene, memory: float = 0.0, change: bool = False) -> Callabl
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
-        return partial(error_without_chance, drawn=drawn)
+        return partial(deterministic_error, drawn=drawn)
     over_time = standard_error_of_drift if excitation.drifts else standard_error
     in_time = partial(over_time, memory=memory)
     if excitation.random:

@@ -300,8 +300,8 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
     variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)
     }
-    variables["realizations"] = (dimensions, _each(cells, lambda c: c.realizations, np.int32))
-    variables["outcome"] = (dimensions, _each(cells, lambda c: c.outcome, str))
+    variables["realizations"] = (dimensions, _array_of(cells, lambda c: c.realizations, np.int32))
+    variables["outcome"] = (dimensions, _array_of(cells, lambda c: c.outcome, str))
     return variables
 
 
@@ -313,8 +313,8 @@ def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, 
             dimensions_of.setdefault(name, estimate.dimension)
     for name in sorted(dimensions_of):
         unit = unit_of(scene, dimensions_of[name])
-        yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
-        errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
+        yield name, _array_of(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
+        errors = _array_of(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
         yield f"{name}_standard_error", errors, unit
 
 
@@ -323,7 +323,7 @@ def in_words(value: float | str) -> str:
     return value if isinstance(value, str) else number(value, 5)
 
 
-def _each(cells, value, kind):
+def _array_of(cells, value, kind):
     return np.array([value(cell) for cell in cells.ravel()], dtype=kind).reshape(cells.shape)
 
 

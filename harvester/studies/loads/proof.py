@@ -87,7 +87,7 @@ class Proof:
         return any(differ(*pair, negligible=NEGLIGIBLE_SHARE) for pair in pairs)
 
 
-def places_to_prove(
+def points_to_check(
     grid: Grid, evaluations: Sequence[Evaluation], seed: int
 ) -> list[tuple[int, bool]]:
     """Points to check, in the grid's order: (index, whether it is a curve's highest point).

@@ -45,7 +45,7 @@ from harvester.studies.loads import drawing
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.drawing import EFFICIENCIES
 from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
-from harvester.studies.loads.proof import Proof, places_to_prove, proving
+from harvester.studies.loads.proof import Proof, points_to_check, proving
 from harvester.studies.sweep import (
     Sweep,
     columns,
@@ -320,7 +320,7 @@ class LoadStudy(ResultBase):
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        values = self._place(point)
+        values = self._swept_values(point)
         where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
         early = proof.early_difference, proof.early_standard_error
         parts = {f"in the first {PERIODS:g} periods": early}
@@ -337,7 +337,7 @@ class LoadStudy(ResultBase):
             words.append(f"{part}not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
 
-    def _place(self, point):
+    def _swept_values(self, point):
         """The swept values of a point with units, as text."""
         values = zip(self.grid.sweeps, point.place, strict=True)
         return ", ".join(value_words(key, value, self.scene.units) for key, value in values)
@@ -481,7 +481,7 @@ class LoadStudy(ResultBase):
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            values = self._place(point)
+            values = self._swept_values(point)
             lines = notes if outcome == COMPLETE else [outcome]
             points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
@@ -522,7 +522,7 @@ def proofs(
     return runner.follow(
         [
             proving(index, highest, grid.points[index].scene, first, judge)
-            for index, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            for index, highest in points_to_check(grid, evaluations, grid.scene.run.seed)
             if evaluations[index].method == engines[0].name
         ]
     )

@@ -211,9 +211,9 @@ class Search:
                 centre = self._better_seen(centre, half, fit, answers)
             elif not fit.error or 2.0 * fit.error > WANTED:
                 if not self._lengthen(RESERVE * (2.0 * (fit.error or math.inf) / WANTED) ** 2):
-                    return self._found(centre, half, fit, coordinates, answers)
+                    return self._estimated(centre, half, fit, coordinates, answers)
             else:
-                return self._found(centre, half, fit, coordinates, answers)
+                return self._estimated(centre, half, fit, coordinates, answers)
         raise OptimumError(
             f"{self.axis.key}: the maximum of {self._name()} could not be distinguished from "
             f"noise; {longer_runs(self.scene)}, or give a range around it with --from and --to"
@@ -295,7 +295,7 @@ class Search:
         self._more = min(before * min(times, TIMES_REALIZATIONS), most)
         return self._more > before
 
-    def _found(self, centre, half, fit, coordinates, answers):
+    def _estimated(self, centre, half, fit, coordinates, answers):
         if fit.error is None:
             raise OptimumError(
                 f"{self.axis.key}: the runs are too short for an interval; "

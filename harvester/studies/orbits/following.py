@@ -143,12 +143,12 @@ def following(
     if periods is not None or np.isnan(samples).any():
         return samples
     plan = _Onwards(driven.scene, engine, version, starts, samples, first)
-    yield from plan.follow(_wandering(samples), 1, LONGER)
+    yield from plan.follow(_aperiodic(samples), 1, LONGER)
     for group in _groups(samples):
         if group.period is None:
             witnesses = group.members[:: math.ceil(group.members.size / WITNESSES)]
             yield from plan.follow(witnesses, LONGER, LONGER**2)
-            if _wandering(samples[witnesses]).size < witnesses.size:
+            if _aperiodic(samples[witnesses]).size < witnesses.size:
                 remaining = np.setdiff1d(group.members, witnesses)
                 yield from plan.follow(remaining, LONGER, LONGER**2)
     return samples
@@ -158,7 +158,7 @@ def _first_periods(driven, periods):
     return periods or max(periods_of(driven), SAMPLES + 1)
 
 
-def _wandering(samples):
+def _aperiodic(samples):
     """Indices of the starts that stay in range and are aperiodic."""
     inside = np.isfinite(samples).all(axis=(1, 2))
     states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)

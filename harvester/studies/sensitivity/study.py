@@ -310,7 +310,7 @@ def study_of(
         values=values,
         rows_asked=shape[0],
         notes=nominal.on_orbits,
-        failures=_told(complete, failures, runner.out_of_time),
+        failures=_notes(complete, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )
 
@@ -329,7 +329,7 @@ def _check_rows(complete, failures, out_of_time):
     )
 
 
-def _told(complete, failures, out_of_time):
+def _notes(complete, failures, out_of_time):
     lines = []
     if failures:
         lines.append(
