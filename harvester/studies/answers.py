@@ -93,7 +93,7 @@ def is_complete(answer: Any) -> bool:
     return not (isinstance(answer, HarvesterError) or answer is None or answer.outcome != COMPLETE)
 
 
-def told(answer: Any) -> str:
+def reason_of(answer: Any) -> str:
     """The reason why a run did not complete."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 

@@ -35,7 +35,7 @@ from harvester.studies.answers import (
     is_complete,
     is_noisy,
     missing_from,
-    told,
+    reason_of,
     value_of,
 )
 from harvester.studies.sensitivity.population import (
@@ -289,7 +289,7 @@ def study_of(
     scenes = devices(scene, tolerances, shares, replicates)
     asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
     answers = runner.answer([Request(device, method, **asked) for row in scenes for device in row])
-    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
+    failures = [reason_of(run) for run in answers if run is not None and not is_complete(run)]
     values = np.array([value_of(run, quantity) for run in answers]).reshape(*shape, replicates)
     complete = np.isfinite(values).all(axis=(1, 2))
     _check_rows(complete, failures, runner.out_of_time)
