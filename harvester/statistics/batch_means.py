@@ -51,6 +51,8 @@ ROUNDING_SHARE = 1e-12
 # A quantity whose batches or standard error deviate by less than this share, ten times the
 # tolerance of a circuit solver, is constant: it is regulated and does not follow the motion.
 CONSTANT_SHARE = 1e-5
+# A single block of batches counts for at most this share of a ratio's denominator.
+LARGEST_SHARE = 0.5
 # Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
 KNOTS_PER_HISTOGRAM_SAMPLE = 4
 
@@ -282,14 +284,31 @@ def ratio_of_sums(
     upper: np.ndarray, lower: np.ndarray, error_of: Callable = standard_error
 ) -> tuple[float, float | None]:
     """Ratio of two sums over batches and its standard error (None if the run is too short)."""
-    ratio = float(upper.sum() / lower.sum())
-    deviations = (upper - ratio * lower) / lower.mean()
+    ratio, deviations = float(upper.sum() / lower.sum()), ratio_deviations(upper, lower)
     error = error_of(deviations)
     # A value that is the same in all batches needs no independent batches.
     if error is None and deviations.size >= FEWEST_BATCHES and constant(ratio, deviations):
         error = float(np.ptp(deviations))
     # If the ratio is the same in all batches, its scatter is round-off.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
+
+
+def ratio_deviations(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Deviations of batches from the ratio of their sums, with the mean 0.
+
+    A ratio without a block of batches changes by their deviation over 1 minus their share of the
+    denominator (jackknife). Bars of a hardening device's efficiency, which falls with the energy,
+    were 12 % too small without this factor in runs of 20 independent batches.
+    """
+    deviations: np.ndarray = (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+    equal = 1.0 / FEWEST_BATCHES
+    if lower.size < FEWEST_BATCHES or np.ptp(lower) <= CONSTANT_SHARE * abs(lower.mean()):
+        return deviations
+    block = np.arange(lower.size) * FEWEST_BATCHES // lower.size
+    share = np.bincount(block, lower.ravel()) / lower.sum()
+    factor = (1.0 - equal) / (1.0 - np.clip(share, 0.0, LARGEST_SHARE))
+    deviations = deviations * factor[block].reshape(lower.shape)
+    return deviations - deviations.mean()
 
 
 def constant(mean: float, deviations: np.ndarray | float) -> bool:

@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.statistics.batch_means import (
+    complete_batches,
+    ratio_deviations,
+    ratio_of_sums,
+    standard_error,
+)
 from harvester.statistics.estimate import Estimate, why_no_error
 from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.output_side import RATIOS, output_ratios
@@ -78,7 +83,7 @@ def _error(ratio, pairs, balances):
     Both are linearised ratios of sums over batches. If both paths visited the same wells in every
     batch, they share the contribution of the jumps.
     """
-    shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
+    shares = [ratio_deviations(upper, lower) * lower.sum() / upper.sum() for upper, lower in pairs]
     ours, theirs = balances
     same = ours and theirs and np.allclose(ours.features, theirs.features, 0.0, SAME_WELLS)
     for k, balance in enumerate(() if same else balances):
@@ -96,8 +101,7 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     combination of deviations, which accounts for the common noise. The mean is 0, the unit the
     estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
-    upper, lower = sums(moments, name)
-    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+    return ratio_deviations(*sums(moments, name))
 
 
 def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:

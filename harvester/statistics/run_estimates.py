@@ -41,7 +41,13 @@ from harvester.statistics.passivity import (
     supply_notes,
 )
 from harvester.statistics.run_quantities import estimate_all
-from harvester.statistics.settling import Shortfall, shortfalls, slow_exchange, withheld
+from harvester.statistics.settling import (
+    SMALLEST_DRIFT,
+    Shortfall,
+    shortfalls,
+    slow_exchange,
+    withheld,
+)
 from harvester.statistics.store_settling import store_states
 from harvester.statistics.strain import estimate_strain, strain_notes
 from harvester.statistics.units import unit_of
@@ -160,11 +166,15 @@ def run_estimates(
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(prepared_scene, moments)
-    # For a single path, means are conditional on the slow stores' charge in this run.
-    longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
-    remembered = [store.memory for store in stores if store.memory <= longest]
+    # On a single path, means are conditional on the charge of slow stores that keep it.
+    drifts = scene.excitation.drifts
+    longest = scene.run.duration / FEWEST_BATCHES if drifts else math.inf
+    remembered = [s.memory for s in stores if s.memory <= longest or s.spread > SMALLEST_DRIFT]
     slow = memory + 0.5 * max(remembered, default=0.0)
     estimates = estimate_all(balanced, system, error)
+    if drifts:  # A rectifier ties the voltage to the charge of its stores.
+        with_stores = estimate_all(balanced, system, error_over(slow))
+        estimates |= {name: with_stores[name] for name in ("mean_square_voltage", "rms_voltage")}
     estimates |= estimate_output(balanced, error_over(slow), error_over(slow, change=True))
     estimates |= device_storage(moments, balanced, system, error_over(memory, change=True))
     estimates |= estimate_strain(balanced, scene.excitation, error)
@@ -203,7 +213,7 @@ def run_estimates(
         *(CHAOTIC.format(spread),) * (spread >= NOTED_CHANGE),
     )
     residual = energy_balance_residual(moments, system)
-    estimates = _with_lengths(scene, balanced, estimates, memory)
+    estimates = _with_lengths(scene, balanced, estimates, slow if drifts else memory)
     return RunEstimates(
         estimates, reasons, step_error, path_error, residual, notes, balanced, error, balance
     )
@@ -345,7 +355,6 @@ def with_steps(
     the number of correlation times `memory` (s), since repetitions in a cycle add no information.
     The step error is a share of `size`, by default the estimate itself; see `step_sizes`. `change`:
     see `error_of`.
-    `error_of`.
     """
     excitation = scene.excitation
     if excitation.random:

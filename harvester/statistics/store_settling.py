@@ -46,6 +46,8 @@ class StoreState:
         Relaxation time (s); NaN if it could not be determined.
     memory
         Correlation time of its charge under noise (s).
+    spread
+        Standard deviation of its charge during the run, as a share of the value.
     """
 
     name: str
@@ -54,6 +56,7 @@ class StoreState:
     error: float
     time: float
     memory: float
+    spread: float = 0.0
 
 
 def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
@@ -129,7 +132,8 @@ def _state(store, levels, ends, matrix, times):
         return StoreState(store.name, store.where, 0.0, 0.0, math.nan, 0.0)
     error = _error_of_change(changes, levels.random) / length * abs(time) if rate else 0.0
     missing = math.copysign(missing / held, missing * float(levels.mean @ ends))
-    return StoreState(store.name, store.where, missing, error / held, abs(time), memory)
+    spread = float(np.std((levels.series[..., INTEGRAL] @ ends) / levels.time)) / held
+    return StoreState(store.name, store.where, missing, error / held, abs(time), memory, spread)
 
 
 def _by_decay(changes, length):

@@ -94,7 +94,7 @@ def test_the_first_time_tells_who_never_got_there():
     found = estimate_output([measured(), measured(late=1000.0)])["up_first_time"]
     assert found.estimate == pytest.approx(0.5)
     assert found.standard_error is None
-    assert "1 realizations of 2" in found.note
+    assert "over 1 of 2 realizations" in found.note
 
 
 def test_what_has_no_value_at_some_time_says_so_and_not_that_the_run_is_short():

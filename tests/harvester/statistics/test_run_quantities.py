@@ -435,3 +435,15 @@ def test_what_the_device_stores_while_it_rings_up_is_a_row():
 def test_a_settled_sine_has_no_such_row():
     scene = linear_device({"kind": "sine", "amplitude": 1.0, "frequency": 40.0}, 0.5, 1)
     assert "mean_device_storage_power" not in simulate(scene, method="monte-carlo", workers=1)
+
+
+def test_a_batch_with_much_of_the_denominator_counts_by_what_the_ratio_is_without_it():
+    """Sixteen independent batches: the error is the jackknife's."""
+    rng = np.random.default_rng(4)
+    lower = rng.exponential(size=(16, 1))
+    upper = lower * (1.0 - 0.05 * lower) + 0.01 * rng.standard_normal((16, 1))
+    _, error = ratio_of_sums(upper, lower)
+    without = (upper.sum() - upper) / (lower.sum() - lower)
+    jackknife = np.sqrt(15.0 / 16.0 * np.sum((without - without.mean()) ** 2))
+    # `standard_error` raises all errors of 16 batches by 2.5/16.
+    assert error == pytest.approx(jackknife * (1.0 + 2.5 / 16.0), rel=0.005)

@@ -251,3 +251,17 @@ def test_an_output_that_ramps_under_a_record_says_so(pool, tmp_path):
     assert "rises throughout" in found["output_voltage"].note
     assert found["mean_square_velocity"].standard_error > 0.0
     assert any("raise run.settle, or start its stores" in note for note in found.notes)
+
+
+def test_one_record_tells_nothing_of_means_that_follow_a_slow_store(pool, tmp_path):
+    """The bridge holds the voltage at its store's, whose time constant is a tenth of the record."""
+    scene = disc(tmp_path, 6.0, 20.0, **{"load.netlist": "bridge", "piezo.coupling": 1e-3})
+    storage = {"fast": 1e-7, "slow": 4e-6}
+    bars = {}
+    for name, size in storage.items():
+        changed = scene.replace({"load.parameters": {"storage": size, "resistance": 5e5}})
+        found = simulate(changed, method="monte-carlo", runner=pool)
+        assert found["mean_square_velocity"].standard_error > 0.0
+        bars[name] = [found[n].standard_error for n in ("rms_voltage", "mean_converter_loss")]
+    assert bars["slow"] == [None, None]
+    assert all(bars["fast"])
