@@ -297,8 +297,8 @@ def ratio_deviations(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
     """Deviations of batches from the ratio of their sums, with the mean 0.
 
     A ratio without a block of batches changes by their deviation over 1 minus their share of the
-    denominator (jackknife). Bars of a hardening device's efficiency, which falls with the energy,
-    were 12 % too small without this factor in runs of 20 independent batches.
+    denominator (jackknife). The efficiency of a hardening device, which falls with the energy,
+    scattered by 1.12 error bars without this factor, 1.06 with it (20 independent batches).
     """
     deviations: np.ndarray = (upper - upper.sum() / lower.sum() * lower) / lower.mean()
     equal = 1.0 / FEWEST_BATCHES
