@@ -37,7 +37,7 @@ def _section(title, cls):
             for name, needed in group.needs.items()
         )
         yield f"{'One of' if group.required else 'At most one of'} {listed}{needs}.\n"
-    yield "| key | meaning | SI | scaled | accepts | unless given |"
+    yield "| key | meaning | SI | scaled | accepts | default |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for name, spec in cls.KEYS.items():
         if not spec.written:

@@ -120,7 +120,7 @@ def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, 
 
 
 def _told(spec):
-    """The description of a key with its units, and its value unless given."""
+    """The description of a key with its units, and its default."""
     units = [f"{spec.unit} in SI"] if spec.unit not in ("", "1") else []
     units += [f"{spec.scaled} in scaled scenes"] if spec.scaled else []
     default = spec.default if isinstance(spec.default, (str, int, float)) else ""
