@@ -115,7 +115,7 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
                 f"{nearest(key, names)}; there are {', '.join(names)}"
             )
         if key in keys[:index]:
-            raise HarvesterError(f"--free {named(key)}: is there twice")
+            raise HarvesterError(f"--free {named(key)}: is given twice")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
             f"--free {BASE_FACTOR} {BASE_SCALE}: records determine the two's ratio alone; give one "

@@ -93,7 +93,10 @@ def test_closed_processes_are_named():
     executor, pool = ThreadPoolExecutor(1), WorkerPool(workers=1)
     executor.shutdown()
     pool.close()
-    for closed, words in ((ExecutorPool(executor), "executor: accepts no calls"), (pool, "runner:")):
+    for closed, words in (
+        (ExecutorPool(executor), "executor: accepts no calls"),
+        (pool, "runner:"),
+    ):
         with pytest.raises(harvester.HarvesterError, match=words):
             closed.map(print, [{}])
         with pytest.raises(harvester.HarvesterError, match=words):

@@ -199,7 +199,7 @@ def test_files_that_the_program_names_are_no_way_out_of_a_folder(near, capsys):
     assert (near / "foreign").read_text() == "old"
     os.mkfifo("results/linear-load-study.nc")
     assert main(["load-study", "linear", "--output", "results"]) == 2
-    assert "load-study.nc: is no regular file" in capsys.readouterr().err
+    assert "load-study.nc: is not a regular file" in capsys.readouterr().err
     assert in_folder("elsewhere", "new.json") == Path("elsewhere/new.json")
 
 

@@ -309,7 +309,9 @@ def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
     for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "none"'):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
-    assert "repeated 2.6 times" in " ".join(simulate(again, method="monte-carlo", runner=pool).notes)
+    assert "repeated 2.6 times" in " ".join(
+        simulate(again, method="monte-carlo", runner=pool).notes
+    )
 
 
 def test_gravity_is_taken_off_and_said(tmp_path):
