@@ -125,7 +125,7 @@ def _comparisons(parts, pins):
 
 
 def _store(each, pins):
-    """The unknowns of a store (two nodes, or a coil's current), and (size, whether it is a coil)."""
+    """Unknowns of a store (two nodes, or a coil's current), and (size, whether it is a coil)."""
     if each.letter == "l":
         return (f"i({each.name})", GROUND), (each.size, True)
     return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)

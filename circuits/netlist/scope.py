@@ -158,7 +158,7 @@ class Scope:
         return self.nodes.get(name, f"{self.path}{name}")
 
     def element(self, name: str) -> str:
-        """The full name of an element. Only calls (names that begin with x) are followed by a dot."""
+        """The full name of an element. Only calls (names with x first) are followed by a dot."""
         return self.path + (name if name[0] == "x" else name.replace(".", ":"))
 
     def _with_full_names(self, leaf):

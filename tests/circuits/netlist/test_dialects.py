@@ -90,8 +90,8 @@ ELEMENTS = {
     "diode with `ron`, `vfwd`, `vz`, `nbvl`": [
         ("D1 p n dm\n.model dm d(ron=1)", "give is, n and rs"),
         ("D1 p n dm\n.model dm d(vfwd=0.3)", "give is, n and rs"),
-        ("D1 p n dm\n.model dm d(vz=5)", "leave it out"),
-        ("D1 p n dm\n.model dm d(nbvl=5)", "leave it out"),
+        ("D1 p n dm\n.model dm d(vz=5)", "remove it"),
+        ("D1 p n dm\n.model dm d(nbvl=5)", "remove it"),
     ],
 }
 

@@ -31,8 +31,8 @@ def test_good_expressions_pass(expression):
     [
         ("(v(x)", "1 closing parenthesis missing"),
         ("v(x))", "closing parenthesis too many"),
-        ("v(x) ? 1", "'?' without its ':'"),
-        ("v(x) : 1", "':' without its '?'"),
+        ("v(x) ? 1", "'?' without"),
+        ("v(x) : 1", "':' without a '?'"),
         ("sqrr(v(x))", "did you mean sqr"),
         ("idt(v(x))", "write an integral: a current source into a capacitor"),
         ("v(x) & 1", "write &&"),

@@ -59,9 +59,9 @@ def test_it_is_a_comment_between_a_statement_and_its_continuation(tmp_path):
     [
         ("lost line = 1", r"unknown kind lost.*loss.*output"),
         ("loss line 1", r"write it as"),
-        ("loss 3x = 1", r"no name"),
-        ("output mean = 1", r"mean would name a quantity of the program's own"),
-        ("loss mean_converter = 7", r"mean_converter would name"),
+        ("loss 3x = 1", r"not a name"),
+        ("output mean = 1", r"mean is the name of a built-in quantity"),
+        ("loss mean_converter = 7", r"mean_converter is the name"),
         ("output far_storage = 1", r"defined twice"),
         ("loss x = v(fra)", r"no node fra .did you mean far\?.; there are .*\bp\b"),
         ("loss x = i(rfar)", r"no current i\(rfar\)"),

@@ -147,7 +147,7 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
     ("body", "before", "fault"),
     [
         ("Xa out ref s r={q}", ".param q=4k\n.subckt s a b q=8k r=1k\nRi a b {r}\n.ends",
-         "s has a parameter q too, whose value ngspice takes here: rename"),
+         "s also has a parameter q, whose value ngspice would use here: rename"),
         ("B1 ref out i=pi*v(p)", ".param pi=3", "pi is a constant of ngspice: rename"),
         ("B1 ref out i=1A*v(p)", "", "omit the A"),
         ("R9 p n 2A", "", "omit the A"),
@@ -165,7 +165,7 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("V1 out ref 5 3", "", "two constant values"),
         ("S1 p n out ref sm", ".model sm sw(level=2)", "write a B source"),
         ("S1 p n out ref sm", ".model sm sw(vt=1)\n.model sm sw(vt=2)", "is defined twice"),
-        ("D1 p n dm", ".model dm d(vz=5)", "knows no vz of a model d"),
+        ("D1 p n dm", ".model dm d(vz=5)", "a model d has no vz"),
         ("B1 p n i=1u*idt(v(p))", "", "a current source into a capacitor"),
         ("B1 p n i=(v(p)>1) & (v(p)<2)", "", "write &&"),
         ("R9 p n {f(1k)}", ".func f(a,b) {a+b}", "f takes 2 arguments, not 1"),

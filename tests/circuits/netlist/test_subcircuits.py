@@ -166,7 +166,7 @@ def test_a_plus_alone_continues_with_nothing(tmp_path):
         ),
         ("+ 1k\n", "continues no statement"),
         (".subckt load p n\nR1 p n 1k\n", "without .ends"),
-        (".ends\n", "without its .subckt"),
+        (".ends\n", "without a .subckt"),
         (".subckt load a b\nR1 a b 1k\n.ends\n", "expected p n, or p n out ref"),
         (".subckt load p n out\nR1 p n 1k\n.ends\n", "expected p n, or p n out ref"),
         (".subckt load p n out ref x\nR1 p n 1k\n.ends\n", "expected p n, or p n out ref"),
@@ -178,7 +178,7 @@ def test_a_plus_alone_continues_with_nothing(tmp_path):
     ],
 )
 def test_files_that_hold_no_load(tmp_path, text, message):
-    arguments = {"subcircuit": "a"} if "holds" in message else {}
+    arguments = {"subcircuit": "a"} if "itself" in message else {}
     with pytest.raises(NetlistError, match=re.escape(message)):
         read(tmp_path, text, **arguments)
 

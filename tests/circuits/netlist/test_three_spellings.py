@@ -127,7 +127,7 @@ POINTS = {
         ("Cl out ref cm", ".model cm c(c=1u)", "write cap="),
         ("Cl out ref cm", ".model cm c(cj=1m defl=9u)", "it has no value"),
         (FED + "D1 out ref dm", ".model dm d(is=1n vrev=5)", "give is, n and rs"),
-        (FED + "D1 out ref dm", ".model dm d(is=1n t_abs=50)", "leave it out"),
+        (FED + "D1 out ref dm", ".model dm d(is=1n t_abs=50)", "remove it"),
     ],
     "what is not whole": [
         (FED + "Rl out ref {10k*(1+1}", "", "closing parenthesis missing"),
