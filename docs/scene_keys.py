@@ -10,8 +10,8 @@ HEAD = """# Keys of a scene
 
 *Generated from the declarations: every key with its meaning, its unit and the values it accepts.*
 
-A dash in the column SI or scaled: scenes with these `units` may not have the key. Keys joined by
-"or" give the same property; a scene holds one of them. [A data
+The columns SI and scaled give the unit: "·" if there is none, "–" if scenes with these `units`
+cannot have the key. Keys joined by "or" are alternatives: give one. [A data
 sheet](../how-to/data-sheet.md) and [a drawing](../how-to/drawing.md) show their use.
 """
 
@@ -37,7 +37,7 @@ def _section(title, cls):
             for name, needed in group.needs.items()
         )
         yield f"{'One of' if group.required else 'At most one of'} {listed}{needs}.\n"
-    yield "| key | meaning | SI | scaled | accepts | unless given |"
+    yield "| key | meaning | SI | scaled | accepts | default |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for name, spec in cls.KEYS.items():
         if not spec.written:

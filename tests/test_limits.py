@@ -31,7 +31,7 @@ ROWS = [
     ("numbers in a `.mat`", (table.MOST_NUMBERS,)),
     ("structures of a `.mat`", (mat.LARGEST_STRUCTURE // 10**6,)),
     ("objects of an HDF5", (hdf5.MOST_OBJECTS,)),
-    ("**study**: a piece", (codec.MOST_BYTES,)),
+    ("**study**: a stored task", (codec.MOST_BYTES,)),
     ("**`harvester netlist`**", (export.MOST_KNOTS,)),
     ("**run**: wall-clock", (int(simulate.TIME_LIMIT),)),
     ("processor time", (int(steps.PATIENCE),)),

@@ -1,1 +1,1 @@
-"""A prepared scene as a netlist, a block, Verilog-A or a schematic."""
+"""Writes a prepared scene as a netlist, a block, Verilog-A or a schematic."""

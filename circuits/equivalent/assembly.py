@@ -1,4 +1,4 @@
-"""Scene to PySpice circuit: only the elements that the scene needs."""
+"""Converts a scene to a PySpice circuit with only the elements that it needs."""
 
 from __future__ import annotations
 
@@ -31,40 +31,40 @@ if TYPE_CHECKING:
 
 # Name of the device's sub-circuit: no sub-circuit of a load begins with a digit.
 DEVICE = "0device"
-# Options for steps that are set from outside: a tight tolerance for Newton's iterations, and none
-# for the local error (trtol).
+# Options for externally prescribed steps: a tight Newton tolerance, and none for the local error
+# (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
-# Integrators by name, as ngspice calls them.
+# ngspice's names of the integrators.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-# Newton's tolerance with diodes. Where one turns on many iterations are needed; a failed step is
-# repeated at an eighth of its length, where the rounding of a large capacitor's current is eight
+# Newton's tolerance with diodes. A diode that turns on needs many iterations; a failed step is
+# repeated with an eighth of its length, where rounding of a large capacitor's current is eight
 # times larger.
 RECTIFIER_NEWTON = 1e-6
 RECTIFIER_STEP = f"reltol={RECTIFIER_NEWTON!r} trtol=1e9 itl4=100"
-# A load that switches has short steps, in which the rounding of a large capacitor's current moves
-# nodes that only stray capacitances hold. Newton's tolerance is ROUNDING_MARGIN times this
-# rounding, between the value for rectifiers and the greatest.
+# Switching loads have short steps, in which rounding of a large capacitor's current moves nodes
+# with only stray capacitances. Newton's tolerance is ROUNDING_MARGIN times this rounding error, at
+# least that of rectifiers and at most GREATEST_NEWTON.
 ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
-# Tolerance of the local error for loads that may jump.
+# Tolerance of the local error for loads with jumps.
 LOAD_TOLERANCE = 1e-5
 # ngspice's default relative tolerance.
 OWN_TOLERANCE = 1e-3
 # Smallest charge (C) whose error counts in a self-oscillating load: a third of ngspice's
 # default.
 OWN_CHARGE = 3e-15
-# Fewest steps of a run. ngspice 46 never ends a shorter one: its smallest step, 1e-11 of the
-# longest, then exceeds the tolerance by which it recognises the end.
+# Fewest steps of a run. ngspice 46 does not end a shorter one: its smallest step, 1e-11 of the
+# longest, then exceeds its tolerance for the end time.
 SHORTEST_RUN = 1000
-# ngspice takes its first steps by backward Euler, which takes energy from a moving mass. These
-# steps are this share of the usual one. So is the printing interval, at which ngspice returns to
-# first order too.
+# Length of ngspice's first steps as a share of the usual step: they are backward Euler, which takes
+# energy from a moving mass. The printing interval is the same, since ngspice returns to first order
+# at it.
 FIRST_ORDER_SHARE = 1e-3
 # Voltages of the load below this share of one scaled volt do not shorten a step.
 SMALL_VOLTAGE = 1e-3
 
 
 def own_steps(tolerance: float) -> str:
-    """Options for ngspice's own step control by the local error at this relative tolerance."""
+    """Options for ngspice's step control by the local error with this relative tolerance."""
     return f"reltol={tolerance!r} trtol=7"
 
 
@@ -79,8 +79,9 @@ def step_options(
     step : str or float
         See `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
-        Relative tolerance of the local error; None: none, or for a load that may jump one that
-        goes with the step, because ngspice's trapezoidal steps grow as its square root.
+        Relative tolerance of the local error. None: no control, except for loads with jumps, whose
+        tolerance depends on `step`, since ngspice's trapezoidal steps grow as the tolerance's
+        square root.
     """
     load = ready.scene.load.circuit
     if load is None or load.linear:
@@ -109,19 +110,19 @@ def _switched_newton(ready):
 
 @dataclass(frozen=True)
 class Netlist:
-    """A circuit ready to run, with the units in which its node voltages are read.
+    """A complete netlist, with the units of its node voltages.
 
     Attributes
     ----------
     text : str
     rate : float
-        ω: X' over the velocity node, and the root of η over the noise node (1/s).
+        ω: ratio of X' to the velocity node, and root of the ratio of η to the noise node (1/s).
     voltage_scale : float
         Volts per scaled volt.
     step : float
         Longest step (s).
     stop : float
-        End of the range of interest (s); the text may run on.
+        End of the evaluated time (s); the netlist may run longer.
     prefixes : tuple of str
         Prefixes of the nodes' names, one for each copy of the device.
     terminal : str
@@ -131,26 +132,25 @@ class Netlist:
     state_unit : float
         Volts or amperes per scaled state.
     current_per_ampere : float
-        The transducer's scaled current for one ampere at the load's ammeter, where it asks for it.
+        The transducer's scaled current for one ampere at the load's ammeter, if it is used.
     per_power : float
         Scaled power per watt at the load's ammeter; 0 without one.
     conductance : float
-        Across the load's output (S).
+        Conductance across the load's output (S).
     drives_current : bool
-        Whether an inductance of the transducer drives the load's current on.
+        Whether an inductance of the transducer carries the load's current.
     measurement : circuits.netlist.measurement.Measurement
         Measures of the load.
     watch : circuits.netlist.load_watch.Watch
         The load's unknowns that limit the step.
     watched_energy : (float, float)
-        Twice the energy over the terminal's voltage squared (F), and twice that which does not
-        count (J).
+        Twice the energy per squared terminal voltage (F), and twice the negligible energy (J).
     pace : float
-        Factor of the motion's clock; the excitation is to be less by it.
+        Pre-warping factor of the motion's time; the excitation must be divided by it.
     line : float
-        Angular frequency at which shortened steps are to be exact too (rad/s); 0: none.
+        Angular frequency at which shortened steps are also exact (rad/s); 0: none.
     schedule : circuits.netlist.source_schedule.SourceSchedule or None
-        Sources and expressions of the load that change with time alone.
+        Sources and expressions of the load that depend on time alone.
     """
 
     text: str
@@ -200,8 +200,8 @@ def assemble(
     step : str or float
         See `harvester.scene.steps.steps_per_sample`.
     starts : sequence of (float, float, float) or None
-        For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
-        one copy, as the first realization starts.
+        X, X' and transducer's state, scaled, of each copy of the device; None: one copy with the
+        start of the first realization.
     waveform : str
         Waveform of the noise source: `external`, or a PWL.
     options : str
@@ -209,15 +209,14 @@ def assemble(
     integrator : str
         A name in `INTEGRATORS`.
     save : sequence of str
-        Vectors that ngspice keeps in its memory; streamed ones are not kept.
+        Vectors that ngspice stores in memory; streamed ones are not stored.
     compiled : bool
-        The mechanics and the piezo are one compiled device each, see
-        `circuits.equivalent.compact_model`.
+        Whether mechanics and piezo are a compiled device; see `circuits.equivalent.compact_model`.
     line : float
-        Angular frequency at which the motion is to be exact (rad/s); 0: none.
+        Angular frequency at which the motion is exact (rad/s); 0: none.
     named : bool
-        The load keeps its sub-circuits and the names of its parameters, for people to read; not
-        where ngspice would take a name for another.
+        Whether the load keeps its sub-circuits and parameter names, for readability, unless ngspice
+        would misinterpret a name.
     ramp : float
         Time (s) in which the load's constant sources rise from 0.
     """
@@ -261,8 +260,8 @@ def assemble(
         add_device(circuit, starts[0])
         prefixes: tuple[str, ...] = ("",)
     else:
-        # Each copy has its own start. With held speeds it also has its own compression of a stopper
-        # at the start.
+        # Each copy has a separate start, and with held speeds a separate initial compression of a
+        # stopper.
         arguments = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
         device = SubCircuit(DEVICE, "ground", **dict.fromkeys(arguments, elements.number(0.0)))
         add_device(device, ("{start}", *starts[0][1:3], "{held}"))
@@ -279,12 +278,12 @@ def assemble(
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
     if load and load.resistance is None:
-        # Charges and fluxes below this do not shorten steps, such as those in stray capacitances
-        # and idle coils.
+        # Charges and fluxes below this, as in stray capacitances and idle coils, do not shorten
+        # steps.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         if load.self_oscillation.oscillates:
-            # A self-oscillating load may hold charges as small as OWN_CHARGE.
+            # A self-oscillating load may have charges as small as OWN_CHARGE.
             charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
@@ -324,7 +323,7 @@ def assemble(
 
 
 def _check_expressions(text):
-    """Refuse a formula of the device's that would abort ngspice's process."""
+    """Raise for a formula of the device that would abort ngspice's process."""
     for line in text.splitlines():
         if line.startswith("B"):
             head, _, formula = line.partition("=")
@@ -335,14 +334,14 @@ def _check_expressions(text):
 
 
 def _start(system, start, rate, electrical):
-    """Initial displacement, velocity over rate, state (V or A), held speed over rate, as text."""
+    """Initial displacement, velocity/rate, state (V or A) and held speed/rate, as text."""
     x, v, state = start
     values = (x, v / rate, state * electrical.state_unit, held_impact_speed(system, x, v) / rate)
     return tuple(elements.number(value) for value in values)
 
 
 def _add_mechanics(circuit, system, rate, step, start):
-    """Mass, spring, damper and contacts as elements, only those that the scene needs."""
+    """Add mass, spring, damper and contacts, if the scene has them."""
     elements.add_oscillator(circuit, system, rate, start)
     elements.add_nonlinear_forces(circuit, system, rate)
     if elements.holding(system):

@@ -1,6 +1,6 @@
-"""The mechanics of a device, and its piezo, as a Verilog-A module made from its parts' formulas.
+"""A device's mechanics and piezo as a Verilog-A module, generated from its parts' formulas.
 
-The module of the scene `paper` is netlists/harvester.va, to be read and run by hand.
+netlists/harvester.va is the module of the scene `paper`, for reading and manual runs.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def module(
     side : Side or None
         None: in scaled units.
     name : str or None
-        Name of a module to be read, whose defaults are this device's values; None: one that holds a
-        digest of the text, which depends on the parts that the device has and not on their values.
+        Name of a module for users, with this device's values as defaults. None: a name with a
+        digest of the text, which depends on the kinds of parts but not on their values.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def mechanics(
 
 
 def _wrapped(statement):
-    """Lines of a statement, broken before an operator."""
+    """Split a statement into lines before operators."""
     lines = [""]
     for piece in re.split(r"(?=[*+])", statement):
         if len(lines[-1] + piece) > _WIDTH:
@@ -222,7 +222,7 @@ def add_device(circuit: Circuit, network: Network) -> None:
 
 
 def left_out(network: Network) -> list:
-    """Elements of a piezo's network that the compiled device does not hold."""
+    """Elements of a piezo's network that the compiled device does not include."""
     return [element for element in network.elements if element.name not in HELD]
 
 
@@ -245,7 +245,7 @@ def add_model(
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
     pace : float
-        Factor of the charge that the mass moves, see
+        Factor of the charge moved by the mass; see
         `circuits.equivalent.elements.trapezoidal_prewarp_factor`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
@@ -256,7 +256,7 @@ def add_model(
 
 
 def add_starts(circuit: Circuit, starts: Any) -> None:
-    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
+    """Add initial values of every copy: pairs of the nodes' prefix and three values, as text."""
     for prefix, start in starts:
         nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
         values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
@@ -276,5 +276,5 @@ def module_of(system: System) -> tuple[str, str]:
             'the compiled device has no stoppers.impact_velocity = "event"'
         )
     if not isinstance(system.transducer, PiezoLaw):
-        raise CompiledDeviceUnavailable("the compiled device has a piezo only")
+        raise CompiledDeviceUnavailable("the compiled device supports only a piezo")
     return module(system)[:2]

@@ -1,10 +1,10 @@
-"""The parts of the equivalent circuit, each added only to a scene that needs it.
+"""Adds the parts of the equivalent circuit that a scene needs.
 
-Mechanics as an RC network of order one: node `displacement` carries X, node `velocity` carries
-X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
-ω (`rate`) is the device's own angular frequency. Linear terms are controlled sources, which cost
-ngspice almost nothing; only nonlinear terms are behavioural. An inductor for the mass
-would need more Newton iterations a step. The transducer's elements come from its `Network`,
+The mechanics are an RC network with values of order one: the voltage of node `displacement` is X,
+that of `velocity` is X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an
+acceleration over ω². ω (`rate`) is the device's angular frequency. Linear terms are controlled
+sources, which cost ngspice almost nothing; only nonlinear terms are behavioural. An inductor as
+mass would need more Newton iterations per step. The transducer's elements come from its `Network`,
 whose terminal carries volts.
 """
 
@@ -29,13 +29,12 @@ if TYPE_CHECKING:
     from harvester.excitation.prescribed import PrescribedDisplacement
     from harvester.scene.units import Scales
 
-# Node `excited` lies before the velocity. An ammeter between them measures the noise's current,
-# which also drives a base voltage. The node exists only then.
+# If there is a base voltage, the noise flows into node `excited`, and an ammeter between it and the
+# velocity measures the current, which controls the base voltage.
 EXCITED, EXCITATION = "excited", "excitation"
-# Node `noise` exists only if the displacement is prescribed. Otherwise the noise is a current.
+# Node `noise` exists only for a prescribed displacement; otherwise the noise is a current.
 DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held_speed"
-# Nodes of the load's DC side, and ngspice's name of the current through the ammeter before the
-# load.
+# Nodes of the load's DC side, and ngspice's name of the load's current.
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Prefix of the name of a node at a load's pin.
 PIN = ":"
@@ -47,12 +46,12 @@ X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
 def number(value: float) -> str:
-    """A float as ngspice reads it back to the last bit."""
+    """Format a float so that ngspice reads it back exactly."""
     return repr(float(value))
 
 
 def literal(name: str, value: float, *description: str) -> str:
-    """A part's number in an expression of the netlist."""
+    """Format a part's coefficient in an expression of the netlist."""
     return number(value)
 
 
@@ -76,10 +75,10 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
 
 
 def trapezoidal_prewarp_factor(angle: float) -> float:
-    """The clock's factor that makes the trapezoidal rule exact for an oscillation of ω h.
+    """Pre-warping factor that makes the trapezoidal rule exact for an oscillation at ω h.
 
-    The rule takes the frequency ω for one less by (ωh)²/12, which near a resonance is as much as
-    its width. It takes tan(ωh/2)/(ωh/2) ω for ω.
+    The rule lowers the frequency ω by the share (ωh)²/12, which may be as large as a resonance's
+    width. For the frequency tan(ωh/2)/(ωh/2) ω it gives exactly ω.
     """
     return math.tan(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
 
@@ -87,10 +86,10 @@ def trapezoidal_prewarp_factor(angle: float) -> float:
 def add_pace(
     circuit: Circuit, rate: float, pace: float, start: tuple[str, ...], slowed: bool
 ) -> None:
-    """Parallel capacitors by which displacement and velocity change faster by a factor `pace`.
+    """Add capacitors that accelerate displacement and velocity by the factor `pace`.
 
-    If shorter steps than the grid's are `slowed`, a source slows the displacement; the source of
-    the noise slows the velocity.
+    With `slowed`, steps shorter than the grid's are corrected: a source slows the displacement, and
+    the noise source the velocity.
     """
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
@@ -101,13 +100,13 @@ def add_pace(
 
 
 def excited_node(network: Network) -> str:
-    """The node into which the noise flows: the velocity, or an ammeter's before it."""
+    """The node into which the noise flows: the velocity, or the node before its ammeter."""
     driven = any(element.kind == "base voltage" for element in network.elements)
     return EXCITED if driven else VELOCITY
 
 
 def add_excitation(circuit: Circuit, waveform: str, network: Network) -> None:
-    """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
+    """Add the base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
     node = excited_node(network)
     circuit.I("noise", circuit.gnd, node, waveform)
     if node != VELOCITY:
@@ -121,10 +120,10 @@ def add_prescribed_displacement(
     scales: Scales,
     network: Network,
 ) -> None:
-    """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
+    """Add displacement and velocity as sines, and the corresponding η (Eq. 4a).
 
-    X = a sin ωt; with neither spring nor damper, η = X'' + the transducer's force: η is then the
-    force that drives the motion; its power is the input power, so that the energy balance closes.
+    X = a sin ωt; without spring and damper, η = X'' + the transducer's force is the force that
+    drives the motion. Its power is the input power, so that the energy balance closes.
     """
     gnd = circuit.gnd
     amplitude = excitation.amplitude / scales.displacement
@@ -147,7 +146,7 @@ def add_prescribed_displacement(
 
 
 def add_nonlinear_forces(circuit: Circuit, s: System, rate: float) -> None:
-    """The spring beyond its first power, air drag, and every contact while it acts (Eq. 5)."""
+    """Add the nonlinear part of the spring, air drag, and contacts (Eq. 5)."""
     name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
     forces = {name: s.spring.nonlinear_formula(X, rate, literal)}
     forces["drag"] = drag_formula(s.damper, U, literal)
@@ -160,7 +159,7 @@ def add_nonlinear_forces(circuit: Circuit, s: System, rate: float) -> None:
 
 
 def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
-    """(name, contact) of each: "stoppers" for a pair, else by its side, with a number from 2 on."""
+    """(name, contact) of each contact: "stoppers" for a pair, else its side, numbered from 2 on."""
     seen: dict[str, int] = {}
     for contact in s.contacts:
         name = {0.0: "stoppers", 1.0: "stopper_right", -1.0: "stopper_left"}[contact.side]
@@ -169,7 +168,7 @@ def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
 
 
 def holding(s: System) -> list[Contact]:
-    """The contacts whose impact speed is held and matters (`event`)."""
+    """The contacts whose impact speed is held (`event`) and has an effect."""
     return [
         contact
         for contact in s.contacts
@@ -178,13 +177,13 @@ def holding(s: System) -> list[Contact]:
 
 
 def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start: str) -> None:
-    """Sample and hold of the impact speed (`event`).
+    """Add a sample-and-hold circuit for the impact speed (`event`).
 
-    Out of contact, `held_speed` follows the speed at which the mass would arrive at the stopper
-    ahead with the energy it has; in contact nothing flows. A time constant of half a step is the
-    shortest that the trapezoidal rule follows without ringing. Such a node lags; the lag of
-    a second node, `lagging_speed`, is added to correct for it, which leaves an error of second
-    order. `start` is the initial speed over rate, as text.
+    Out of contact, `held_speed` follows the speed at which the mass would reach the next stopper
+    with its present energy; in contact no current flows. A time constant of half a step is the
+    shortest without ringing of the trapezoidal rule. The lag of such a node is corrected by that of
+    a second node, `lagging_speed`, which leaves a second-order error. `start` is the initial speed
+    over rate, as text.
     """
     held = holding(s)
     conditions = [
@@ -217,10 +216,10 @@ def add_transducer(
     state: str | None = None,
     pace: float = 1.0,
 ) -> None:
-    """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
+    """Add a transducer's network; `state` is its initial value (V or A) as text.
 
-    A source that moves with the mass is controlled by the velocity, and a force is a current out of
-    it (Eq. 4). The charge that the mass moves, and the base's voltage, are multiplied by `pace`;
+    Sources proportional to the motion are controlled by the velocity node, and a force is a current
+    out of it (Eq. 4). The charge moved by the mass and the base's voltage are multiplied by `pace`;
     the excitation is divided by it.
     """
     for element in elements:
@@ -268,14 +267,14 @@ def _force_gain(each, rate, scales):
 
 
 def behind_ammeter(network: Network) -> str:
-    """The load's node where its current is measured."""
+    """The load's node behind the ammeter."""
     return f"load_{network.terminal}"
 
 
 def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
-    """The built-in resistor (Ω) as a sub-circuit, behind an ammeter where the network asks for one.
+    """Add the built-in resistor (Ω), behind an ammeter if the network needs one.
 
-    A single resistor's power follows from the voltage.
+    Otherwise the resistor's power follows from the voltage.
     """
     text = resources.files("netlists").joinpath("resistor.lib").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("*")]
@@ -289,18 +288,18 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
 def load_pins(network: Network) -> dict[str, str]:
     """Names of the nodes at a load's pins, after the ammeter.
 
-    The colon distinguishes them from nodes within the load, whose names hold none.
+    The colon distinguishes them from nodes within the load, whose names contain none.
     """
     ends = {"p": behind_ammeter(network), "out": OUTPUT, "ref": REFERENCE}
     return {"n": GROUND, **{pin: f"{PIN}{node}" for pin, node in ends.items()}}
 
 
 def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool) -> None:
-    """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
+    """Add the call of a netlist behind an ammeter; with `named` it includes parameters.
 
-    While every diode blocks, a DC side has no defined potential against the terminals, and
-    Newton's iterations fail at short steps: a stray capacitance to ground gives it one, at the pins
-    that `LoadCircuit.stray_pins` names.
+    While all diodes block, the DC side's potential against the terminals is undefined, and Newton's
+    iterations fail at short steps. Stray capacitances to ground at `LoadCircuit.stray_pins` define
+    it.
     """
     measured = load.resistance is None or network.current_per_ampere > 0.0
     first = _add_ammeter(circuit, network) if measured else network.terminal
@@ -313,7 +312,7 @@ def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool)
 
 
 def _add_ammeter(circuit, network):
-    """0 V between terminal and load, positive out of the transducer; returns the load's node."""
+    """Add 0 V between terminal and load, positive out of the transducer; return the load's node."""
     node = behind_ammeter(network)
     circuit.V(LOAD_AMMETER, network.terminal, node, number(0.0))
     return node

@@ -1,4 +1,4 @@
-"""Self-contained netlists: a `.cir` with a PWL source that plain `ngspice -b` runs."""
+"""Self-contained netlists: a `.cir` file with a PWL source for plain `ngspice -b`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 POINTS_PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
-# Most points of noise in a netlist. They are about 40 MB, and cost ngspice half a millisecond per
-# step.
+# Most noise points in a netlist: about 40 MB, and half a millisecond per step of ngspice.
 MOST_KNOTS = 1_000_000
 
 
@@ -50,9 +49,9 @@ def stand_alone(
     ----------
     ready : Prepared
     path : ExcitationPath
-        Path of the noise, not read from yet; its knots are written out.
+        Path of the noise, unread; its knots are written to the netlist.
     start : (float, float, float) or None
-        X, X' and transducer's state at the beginning, scaled; None: as the first realization.
+        Initial X, X' and transducer's state, scaled; None: those of the first realization.
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
@@ -67,7 +66,7 @@ def stand_alone(
     Raises
     ------
     NetlistError
-        The longest step does not resolve the contact: ngspice's own control passes over it.
+        The longest step does not resolve the contact: ngspice's step control would skip it.
     """
     netlist, scales, points = _assembled(ready, path, start, step, tolerance, integrator, save)
     scene = ready.scene
@@ -97,13 +96,12 @@ def for_ltspice(
     ready, path, start, step
         See `stand_alone`.
     noise_file : str
-        Name of the file of the noise, as the netlist is to call it.
+        Name of the noise file in the netlist.
 
     Returns
     -------
     str, str or None
-        The netlist, and the noise file's text: time (s) and value, or None where the motion is
-        prescribed.
+        The netlist, and the noise file's text: time (s) and value, or None for a prescribed motion.
 
     Raises
     ------
@@ -120,7 +118,7 @@ def for_ltspice(
         *LICENCE,
         *_reading(scene, netlist, scales),
         f"I(Inoise): {_noise_unit(scene, netlist)}",
-        "Other than in ngspice:",
+        "Differences from ngspice:",
         *DIFFERENCES,
     ]
     # LTspice may read a file in a one-byte encoding.
@@ -130,7 +128,7 @@ def for_ltspice(
 
 
 def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
-    """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
+    """Netlist without noise points, scales, and the points "time value" or None."""
     scene, system, scales = ready.scene, ready.system, ready.scales
     load = scene.load.circuit
     if load is None or load.linear:
@@ -171,19 +169,19 @@ def _check_step(contact_time, step):
     if step > largest:
         raise NetlistError(
             f"step {step:.3g} s does not resolve a contact of {contact_time:.3g} s at "
-            "the rms speed, and ngspice's own steps pass over it: choose step = "
+            "the rms speed, so ngspice would skip the contact: choose step = "
             f"{largest:.2g} or less"
         )
 
 
 def _header(before, scene, netlist, scales):
-    """The netlist's first part, with notes for readers."""
+    """The netlist's first part, with notes for users."""
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         "If this file has another name, write that name after the .raw file.",
         "ngspice searches all points of the PWL source at every step: its time grows with the",
-        "square of run.duration. harvester simulate --method circuit does not.",
+        "square of run.duration, unlike that of harvester simulate --method circuit.",
         *LICENCE,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
@@ -192,7 +190,7 @@ def _header(before, scene, netlist, scales):
 
 
 def _reading(scene, netlist, scales):
-    """Lines that explain the nodes: quantity and unit of each."""
+    """Lines that give quantity and unit of each node."""
     si = scene.units == "SI"
     volts = "volts" if si else "scaled"
     shaken = f"v({BASE}): voltage of the base's acceleration in series with the piezo, {volts}"

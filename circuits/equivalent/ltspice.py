@@ -1,4 +1,4 @@
-"""ngspice's netlists in LTspice's syntax."""
+"""Converts ngspice's netlists to LTspice's syntax."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from circuits.netlist.expression import (
 from circuits.netlist.reader import statements
 from harvester.base.errors import NetlistError
 
-# Variables of a B source. ngspice calls the last one `temper`.
+# Variables of a B source; the last one is `temper` in ngspice.
 VARIABLES = {"time", "pi", "temp"}
 DIFFERENCES = (
-    "the noise is read from a file next to this one (PWL file=), not written out here",
-    "conditions are if(a,b,c) in place of a ? b : c; a==b is (a>=b)*(a<=b)",
+    "the noise is in a separate file in the same folder (PWL file=)",
+    "conditions are if(a,b,c) instead of a ? b : c; a==b is (a>=b)*(a<=b)",
     "pwr(x,y) = |x|^y replaces ngspice's pow(x,y), pwrs its pwr",
-    "the noise current is I(Inoise) in place of @inoise[current]",
-    "plotwinsize=0 turns the compression of waveforms off, numdgt=7 keeps them in double precision",
-    "trtol scales each simulator's own error estimate: the steps are not the same",
+    "the noise current is I(Inoise) instead of @inoise[current]",
+    "plotwinsize=0 disables waveform compression, numdgt=7 selects double precision",
+    "trtol scales each simulator's own error estimate: the steps differ",
 )
 
 
@@ -36,12 +36,12 @@ def to_ltspice(text: str) -> str:
     Parameters
     ----------
     text : str
-        A netlist of `circuits.equivalent.assembly`, the noise source's waveform already LTspice's.
+        A netlist of `circuits.equivalent.assembly`, with LTspice's waveform for the noise source.
 
     Raises
     ------
     NetlistError
-        An expression that LTspice has no words for.
+        An expression that does not exist in LTspice.
     """
     return "\n".join(filter(None, map(_card, statements(text, "netlist")))) + "\n"
 
@@ -74,7 +74,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
     Raises
     ------
     NetlistError
-        It cannot be said there.
+        The expression does not exist in LTspice.
 
     Examples
     --------
@@ -87,18 +87,18 @@ def translate(expression: str, behavioural: bool = False) -> str:
         return written(rebuilt(tree, _with_truths), dialect="ltspice")
     except ExpressionError as fault:
         raise NetlistError(
-            f"{expression.strip()[:60]!r}: {fault}; not written for LTspice"
+            f"{expression.strip()[:60]!r}: {fault}; cannot be written for LTspice"
         ) from None
 
 
 def _kept(name, behavioural):
-    """A name unchanged; in braces for a parameter of a B source."""
+    """A name; a parameter in a B source gets braces."""
     name = "temp" if name == "temper" else name
     return f"{{{name}}}" if behavioural and name not in VARIABLES else name
 
 
 def _with_truths(tree: Tree, parts: list[Tree]) -> Tree:
-    """Translate conditions: ngspice takes any number but 0 for true, LTspice those above 0.5."""
+    """Translate conditions: in ngspice nonzero numbers are true, in LTspice those above 0.5."""
     if not parts:
         return tree
     count = {"if": 1, "not": 1, "and": 2, "or": 2}.get(tree[0], 0)

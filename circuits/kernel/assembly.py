@@ -1,4 +1,4 @@
-"""Tables of a scene: its transducer's network, its load, and indices of a record's numbers."""
+"""Builds the tables of a scene: the transducer's network, the load, and indices for a record."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from circuits.netlist.measurement import Measurement
     from harvester.scene.prepared import Prepared
 
-# Prefix of the names of the device's nodes and branches. No name of a load holds a colon.
+# Prefix of the device's nodes and branches: names in a load contain no colon.
 DEVICE = "device:"
 
 
@@ -32,7 +32,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     ready : Prepared
         A scene whose load is a netlist.
     whole : bool
-        Whether every element of the load is needed: else those not taken are left out.
+        Whether every element of the load is needed; otherwise unsupported elements are omitted.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
         row = b.through(DEVICE + each.name, a, z)
         b.enter(row, velocity, conductance=each.value)
     elif each.kind == "base voltage":
-        # The branch's row is minus the voltage across it.
+        # The branch's row contains minus the voltage across it.
         b.driven.append((b.through(DEVICE + each.name, a, z), -each.value))
     elif each.kind == "moving current":
         b.enter(a, velocity, conductance=-each.value)

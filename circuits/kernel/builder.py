@@ -1,4 +1,4 @@
-"""Collects the elements of a circuit and turns them into its tables."""
+"""Collects the elements of a circuit and converts them to tables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Builder:
         self.graph = ExpressionGraph()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Indices in the graph whose value passes 0 where a source jumps.
+        # Indices in the graph of values that cross 0 when a source jumps.
         self.zero_crossings: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
@@ -61,13 +61,13 @@ class Builder:
         conductance: float = 0.0,
         controls: list[int] | None = None,
     ) -> None:
-        """An admittance between two nodes, or from two to others that control it."""
+        """Add an admittance between two nodes, or one controlled by other nodes."""
         for row, sign in ((a, 1.0), (b, -1.0)):
             for column, other in zip(controls or (a, b), (1.0, -1.0), strict=True):
                 self.enter(row, column, sign * other * capacity, sign * other * conductance)
 
     def capacitor(self, a: int, b: int, value: float, start: Any) -> None:
-        """A capacitor that begins with a voltage, or with the transducer's "state"."""
+        """Add a capacitor with an initial voltage, or with the transducer's "state"."""
         self.between(a, b, capacity=value)
         self.initial.append((a, b, start, abs(value)))
 
@@ -80,14 +80,14 @@ class Builder:
         return row
 
     def inductor(self, name: str, a: int, b: int, value: float, start: Any) -> None:
-        """An inductor that begins with a current, or with the transducer's "state"."""
+        """Add an inductor with an initial current, or with the transducer's "state"."""
         row = self.through(name, a, b)
         self.enter(row, row, capacity=value)
         self.inductances[name] = value
         self.initial.append((row, -1, start, value))
 
     def coupling(self, names: list[str], share: float) -> None:
-        """Inductors coupled in pairs."""
+        """Couple all pairs of inductors."""
         for k, first in enumerate(names):
             for second in names[k + 1 :]:
                 mutual = share * (self.inductances[first] * self.inductances[second]) ** 0.5
@@ -96,7 +96,7 @@ class Builder:
                 self.enter(other, one, capacity=mutual)
 
     def source(self, row: int, sign: float, shape: Any) -> None:
-        """A source, constant or changing, on the right-hand side of a row."""
+        """Add a constant or time-varying source to the right-hand side of a row."""
         if row < 0:
             return
         if isinstance(shape, float):
@@ -165,11 +165,11 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 
 
 def _starts(b, n):
-    """y at the beginning without the transducer's state, and its change per unit of it: (2, n).
+    """Initial y for the transducer's state 0, and its change per unit of the state: (2, n).
 
-    Voltages that sources set are kept exactly. Capacitors' voltages and inductors' currents are as
-    given; where these contradict each other, the largest elements have the greatest weight. The
-    first step finds the rest.
+    Voltages set by sources are exact. Capacitor voltages and inductor currents are as given; if
+    they contradict each other, larger elements have more weight. The first step determines the
+    others.
     """
     matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))
@@ -191,7 +191,7 @@ def _starts(b, n):
 
 
 def _set_voltages(b, n):
-    """Rows of the branches that set a voltage and hold no flux, and their values at time 0."""
+    """Rows of branches that set a voltage and have no flux, and their values at time 0."""
     chosen = []
     for name, row_of_branch in b.unknowns.items():
         entries = {column: e for (row, column), e in b.entries.items() if row == row_of_branch}

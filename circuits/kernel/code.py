@@ -1,8 +1,8 @@
-"""Machine code for a circuit's shape: elimination in its order, its junctions, its products.
+"""Machine code for a circuit's shape: elimination, junctions, matrix products.
 
 Code that depends on the positions of the circuit's elements is generated here, number by number,
-and compiled once for every shape, in a fraction of a second; values are in the memory. Each
-function has the arguments of `circuits.kernel.emitter`:
+and compiled once per shape, in a fraction of a second; values are in memory. Each function has the
+arguments of `circuits.kernel.emitter`:
 
 - ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
 - ``predict``: guesses of the junctions' voltages, from the last step by the share of it given.
@@ -34,12 +34,11 @@ from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
 
-# Weights of the error estimate for the rates at the step's beginning, in its first stage and at its
-# end: the formula of third order on these rates less TR-BDF2's own of second order.
+# Weights of the error estimate for the rates at the step's beginning, first stage and end: the
+# difference of a third-order formula and TR-BDF2's second-order formula.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
-# Largest number of junctions of one kind that are computed side by side: the widest registers hold
-# eight numbers.
+# Largest number of equal junctions in one vector: the widest registers hold eight numbers.
 MOST_BESIDE = 8
 
 
@@ -140,8 +139,8 @@ def _predict(e: Emitter, shape: Shape) -> None:
 def _ahead(e, shape, group, v, change):
     """Guesses of the junctions' voltages after a change.
 
-    Upwards a guess goes to the junction's swing above 0 V, or above the present voltage, at most:
-    its current grows exponentially.
+    A guess rises at most to the junction's swing above 0 V, or above the present voltage, since its
+    current grows exponentially.
     """
     address = shape.layout.junctions + junction.SWING * len(shape.junctions) + group.first
     return v + change.lesser((-v).greater(0.0) + e.load(address, count=group.width))
@@ -163,7 +162,7 @@ def _again(e: Emitter, shape: Shape) -> None:
 
 
 def _begin_with(e, shape, known):
-    """Write a stage's right-hand side, `known` times the weight in it, and eliminate forward."""
+    """Write a stage's right-hand side with `known` times its weight, and forward elimination."""
     delta, weight, push = e.numbers
     at, n = shape.layout, len(shape.rows)
     y = [e.load(at.y + i) for i in range(n)]
@@ -184,7 +183,7 @@ def _begin_with(e, shape, known):
 
 
 def _iterate(e: Emitter, shape: Shape) -> None:
-    """Write `iterate`: the core's linear equations about the junctions' latest voltages, solved."""
+    """Write `iterate`: solve the core's equations, linearised at the junctions' latest voltages."""
     _, push, slope = e.numbers
     at, n, first = shape.layout, len(shape.rows), shape.linear
     matrix = {key: v for key, v in _loaded(e, shape).items() if min(key) >= first}
@@ -212,7 +211,7 @@ def _iterate(e: Emitter, shape: Shape) -> None:
 
 
 def _onto(shape, right, row, value):
-    """Add to a row of the right-hand side in the order of pivots; ground takes nothing."""
+    """Add to a row of the right-hand side in the order of pivots; ignore ground."""
     if row < len(shape.rows):
         pivot = shape.rows.index(row)
         right[pivot] = right[pivot] + value
@@ -252,7 +251,7 @@ def _add_behavioural(e, shape, matrix, right):
 
 
 def _finish(e: Emitter, shape: Shape) -> None:
-    """Write `finish`: all unknowns from the core's, and the charges that they have moved."""
+    """Write `finish`: all unknowns from those of the core, and the transferred charges."""
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
@@ -311,8 +310,7 @@ def _accept(e: Emitter, shape: Shape) -> None:
 def _error(e: Emitter, shape: Shape) -> None:
     """Write `error`: the error of charges, divided by the matrix, and the energy of both.
 
-    The division keeps the estimate from growing with a stiff network's rates (Hosea and Shampine
-    1996).
+    The division bounds the estimate for stiff networks (Hosea and Shampine 1996).
     """
     at, n, first = shape.layout, len(shape.rows), shape.linear
     matrix = _loaded(e, shape)
@@ -333,7 +331,7 @@ def _error(e: Emitter, shape: Shape) -> None:
 
 
 class _Group(NamedTuple):
-    """Junctions of the same traits, one after another, which are computed side by side.
+    """Consecutive junctions of the same traits, computed as one vector.
 
     Attributes
     ----------
@@ -350,7 +348,7 @@ class _Group(NamedTuple):
 
 
 def _groups(shape):
-    """The circuit's junctions in groups of like ones, at most `MOST_BESIDE` in each."""
+    """The circuit's junctions in groups of equal traits, at most `MOST_BESIDE` each."""
     first = 0
     for traits, alike in itertools.groupby(shape.traits):
         left = len(list(alike))
@@ -374,7 +372,7 @@ def _positions(shape):
 
 
 def _loaded(e, shape):
-    """The factors that `factor` has put into the slot, by their memory indices."""
+    """The factors stored by `factor` in the slot, by memory index."""
     return {where: e.load(address, in_slot=True) for where, address in shape.places}
 
 
@@ -388,14 +386,14 @@ def _stamp(matrix, position, plus, minus, value, shape):
 
 
 def _across(e, values, plus, minus):
-    """Difference of two of the values; ground, after them all, is 0."""
+    """Difference of two values; ground, the last index, is 0."""
     n = len(values)
     one = values[plus] if plus < n else e.constant(0.0)
     return one - values[minus] if minus < n else one
 
 
 def _through(values, plus, minus, current):
-    """Take a current from one value and give it to another."""
+    """Subtract a current from one value and add it to another."""
     if plus < len(values):
         values[plus] = values[plus] - current
     if minus < len(values):

@@ -1,4 +1,4 @@
-"""A diode's numbers at its temperature, by the laws of ngspice's model."""
+"""A diode's parameters at its temperature, by ngspice's model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST_GRADING = 0.9
 
 
 def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, float]:
-    """The numbers of a diode's model at a temperature, including "vt" (V).
+    """The parameters of a diode's model at a temperature, including "vt" (V).
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _polynomial(said, warmer, first, second):
 
 
 def _depletion(said, nominal, kelvin):
-    """The potential and the capacitance without bias."""
+    """The potential and the zero-bias capacitance."""
     if said.get("tlevc", 0.0):
         beyond = kelvin - REFERENCE
         said["vj"] -= said.get("tpb", 0.0) * beyond

@@ -1,6 +1,6 @@
-"""Elimination written out number by number, for `circuits.kernel.code`.
+"""Elimination as straight-line code, number by number, for `circuits.kernel.code`.
 
-A matrix is a dictionary of the numbers that are not zero, by row and column in the order of pivots.
+A matrix is a dictionary of its nonzero numbers, by row and column in the order of pivots.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ def add(matrix: Matrix, where: tuple[int, int], value: Number) -> None:
 
 
 def eliminate(matrix: Matrix, start: int, stop: int) -> None:
-    """LU elimination in place: pivots become their inverses, entries below them the rows'
-    multipliers."""
+    """LU elimination in place: pivots become their inverses, entries below them the multipliers."""
     for k in range(start, stop):
         inverse = 1.0 / matrix[k, k]
         matrix[k, k] = inverse

@@ -1,8 +1,8 @@
 """Symbolic numbers of generated code: written with Python's operators, compiled by LLVM.
 
 A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), an index in it and
-three numbers, and gives a number. It is straight-line code but for `choose`. A number may represent
-several side by side, on which the processor works at once.
+three numbers, and returns a number. It is straight-line code except for `choose`. A number may be a
+vector, for the processor's vector instructions.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 TYPE = ir.FunctionType(DOUBLE, [DOUBLE.as_pointer(), INTEGER, DOUBLE, DOUBLE, DOUBLE])
 
 
-# Adding this rounds a number to a whole one, which is then in the last bits.
+# Adding this rounds a number to an integer, stored in the last bits of the sum.
 ROUNDING = 1.5 * 2.0**52
 # ln 2 in two parts. The first has so few digits that its multiples are exact.
 LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
-# Coefficients of the exponential within ln 2/2 of 0. Its relative error is 6e-15.
+# Series coefficients of the exponential within ln 2/2 of 0, with a relative error of 6e-15.
 SERIES = [1.0 / math.factorial(k) for k in range(12)]
 
 # LLVM's time for machine code grows with the square of a function's length: 209,000 instructions
@@ -34,7 +34,7 @@ MOST_OPTIMIZED = 50_000
 
 
 class Number:
-    """A double that the code computes when it runs, or a vector of them ("side by side")."""
+    """A double, or a vector of doubles, computed when the code runs."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -82,19 +82,19 @@ class Number:
         return self.builder.fcmp_ordered("<=", self.value, self._of(other))
 
     def where(self, condition: Any, other: Number) -> Number:
-        """This number if a condition holds, else the other one; element by element in a vector."""
+        """This number if a condition is true, else the other one; elementwise for vectors."""
         return Number(self.builder, self.builder.select(condition, self.value, other.value))
 
     def greater(self, other: Number | float) -> Number:
-        """The greater of two."""
+        """The larger of two numbers."""
         return Number(self.builder, self.builder.select(self > other, self.value, self._of(other)))
 
     def lesser(self, other: Number | float) -> Number:
-        """The lesser of two."""
+        """The smaller of two numbers."""
         return Number(self.builder, self.builder.select(self < other, self.value, self._of(other)))
 
     def size(self) -> Number:
-        """Its absolute value."""
+        """The absolute value."""
         return self.greater(-self)
 
     def parts(self) -> list[Number]:
@@ -105,7 +105,7 @@ class Number:
         ]
 
     def function(self, name: str, *others: Number) -> Number:
-        """A mathematical function of LLVM's: log or pow."""
+        """A mathematical function of LLVM: log or pow."""
         if self.count:
             columns = zip(self.parts(), *(other.parts() for other in others), strict=True)
             return beside([one.function(name, *operands) for one, *operands in columns])
@@ -117,7 +117,7 @@ class Number:
         return Number(self.builder, self.builder.call(called, values))
 
     def exponential(self) -> Number:
-        """The exponential of a number between −700 and 700: 2 to a whole number times a series."""
+        """The exponential of a number in [−700, 700]: an integer power of 2 times a series."""
         shifted = self * (1.0 / math.log(2.0)) + ROUNDING
         power_of_2 = shifted - ROUNDING
         power = self - power_of_2 * LN_2[0] - power_of_2 * LN_2[1]
@@ -160,7 +160,7 @@ class Emitter:
         self.numbers = [Number(self.builder, argument) for argument in numbers]
 
     def constant(self, value: float, count: int = 0) -> Number:
-        """A constant, or a vector of that many equal ones."""
+        """A constant, or a vector of `count` equal constants."""
         return Number(self.builder, _constant(value, count))
 
     def load(self, place: int, in_slot: bool = False, count: int = 0) -> Number:
@@ -182,17 +182,17 @@ class Emitter:
         return self.builder.bitcast(pointer, kind) if count else pointer
 
     def both(self, one: Any, other: Any) -> Any:
-        """Whether two conditions hold."""
+        """Whether two conditions are true."""
         return self.builder.and_(one, other)
 
     def any(self, conditions: Any) -> Any:
-        """Whether one of the conditions side by side holds."""
+        """Whether any condition of a vector is true."""
         kind = ir.IntType(conditions.type.count)
         bits = self.builder.bitcast(conditions, kind)
         return self.builder.icmp_unsigned("!=", bits, ir.Constant(kind, 0))
 
     def all(self, conditions: Any) -> Any:
-        """Whether all conditions side by side hold."""
+        """Whether all conditions of a vector are true."""
         return self.builder.not_(self.any(self.builder.not_(conditions)))
 
     def choose(
@@ -201,7 +201,7 @@ class Emitter:
         then: Callable[[], Sequence[Number]],
         otherwise: Callable[[], Sequence[Number]],
     ) -> list[Number]:
-        """Values of one of two branches of code, of which only that one runs."""
+        """Values of one of two branches of code; only the chosen branch runs."""
         ends = []
         with self.builder.if_else(condition) as branches:
             for branch, code in zip(branches, (then, otherwise), strict=True):
@@ -217,16 +217,16 @@ class Emitter:
         return chosen
 
     def give(self, number: Number) -> None:
-        """End the function with a number."""
+        """End the function and return a number."""
         self.builder.ret(number.value)
 
     def truth(self, condition: Any) -> Number:
-        """1 where a condition holds, else 0."""
+        """1 if a condition is true, else 0."""
         return Number(self.builder, self.builder.uitofp(condition, DOUBLE))
 
 
 def compile_module(module: Any) -> tuple[Any, dict[str, int]]:
-    """A module's machine code, to be kept as long as it is called, and its functions' addresses."""
+    """Compile a module: the engine that owns its code, and its functions' addresses."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     parsed = llvm.parse_assembly(str(module))

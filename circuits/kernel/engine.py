@@ -48,10 +48,9 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 CHUNK = 16384
-# Finer steps than these do not ask for a smaller error.
+# Finer steps than these do not reduce the error tolerance.
 FINEST = STEP_LEVELS["finest"]
-# Further ways in which a run may end, in addition to those in `advance`: it makes no progress, or
-# its voltages grow without bound.
+# Reasons for the end of a run in addition to those of `advance`: no progress, unbounded voltages.
 CRAWLING, UNBOUNDED = -1, -2
 SCHEME = "TR-BDF2"
 
@@ -84,7 +83,7 @@ def run_realizations(
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `harvester.engines.methods.Engine`.
 
-    There is one scheme for netlists.
+    Netlists have a single scheme.
 
     Returns
     -------
@@ -94,7 +93,7 @@ def run_realizations(
     Raises
     ------
     LoadError
-        The load contains an unsupported element, or another scheme is asked for.
+        The load contains an unsupported element, or another scheme is requested.
     SimulatorAborted, SolutionDiverged
     """
     scene, s, scales = ready.scene, ready.system, ready.scales
@@ -157,29 +156,28 @@ def integrate(
     stop : float
         End time (s), rounded up to a whole number of knots.
     steps_per_sample : int
-        Steps between two knots where nothing asks for more.
+        Default steps between two knots.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     refinement : float
-        Number by which the default step is divided. A step's tolerated error goes with its square,
-        down to what Newton's iterations leave: else where the error alone sets the steps a finer
-        grid would change nothing.
+        Divisor of the default step. The error tolerance decreases with its square, down to the
+        residual of Newton's iterations; otherwise a finer grid would have no effect where the error
+        sets the steps.
     lines : sequence of (float, float)
-        Times (s) from which the device's motion is to be exact at an angular frequency (rad/s; 0:
-        none), the first 0.
+        (time (s), angular frequency (rad/s)) from which on the device's motion is exact at that
+        frequency; 0: none. The first time is 0.
 
     Yields
     ------
     Record, ndarray
-        Chunks of accepted points in order, without the initial one, and of the same points the
-        output's voltage (scaled) and the unknowns watched (V and A), shape (1 + watched, n);
-        overwritten by the next.
+        Chunks of accepted points, without the initial point, and at these points the output's
+        voltage (scaled) and the watched unknowns (V, A), shape (1 + watched, n); the next chunk
+        overwrites them.
 
     Raises
     ------
     SimulatorAborted
-        Newton's iterations find no solution, a switch chatters, or the steps that are short enough
-        would never end.
+        Newton's iterations fail, a switch chatters, or steps become too short for progress.
     """
     edges = np.array(contact.edges(s.contacts))
     device, state = device_of(s), _beginning(s, circuit, start)
@@ -224,7 +222,7 @@ def _make_exact(state, line):
 
 
 def _trouble(circuit, state, outcome, which):
-    """The error with the reason for an early end of a run."""
+    """The exception for a run that ended early, with the reason."""
     stopped = f"Monte Carlo stopped at t = {state.scalars[0].time:g}: "
     limited = [
         element.place
@@ -263,7 +261,7 @@ def _trouble(circuit, state, outcome, which):
 
 
 def _beginning(s, circuit, start):
-    """State of a realization at its beginning."""
+    """Initial state of a realization."""
     state = fresh_state(circuit)
     scalars, y, tables = state.scalars[0], state.y, circuit.tables
     n = y.size

@@ -31,11 +31,10 @@ LARGEST_CURRENT = 100.0
     CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, PER_SWING,
     PER_BREAKDOWN_SWING, KNEE, RECOMBINATION, PER_RECOMBINATION_SWING, COLUMNS,
 ) = range(19)  # fmt: skip
-# The iterations end at a Newton step below this share of the swing n kT/q; the next step would be
-# half its square. The voltage is then accurate to a fiftieth of the swing, 1 mV, and no charge is
-# lost.
+# Newton's iterations end at a step below this share of the swing n kT/q: the next step would be
+# half its square. The voltage is then accurate to 1/50 of the swing, 1 mV, without loss of charge.
 JUNCTION_STEP = 0.2
-# Exponentials of less than this exponent count as 0.
+# Exponentials with smaller exponents count as 0.
 BLOCKED = -40.0
 # Below minus this many swings (n kT/q) a junction counts as blocked, and its recombination stays
 # constant.
@@ -47,7 +46,7 @@ MOST_SWINGS = 300.0
 
 
 class Traits(NamedTuple):
-    """Terms that a junction has; code for the others is omitted."""
+    """Terms in a junction's law; code for other terms is omitted."""
 
     resistance: bool
     breakdown: bool
@@ -58,7 +57,7 @@ class Traits(NamedTuple):
 
     @property
     def charge(self) -> bool:
-        """Whether it holds a charge of its own."""
+        """Whether the junction stores charge."""
         return self.transit or self.depletion
 
 
@@ -86,7 +85,7 @@ def table_row(
     area : float
         Area of its junction, in units of the model's.
     many : float
-        Number of equal junctions in parallel.
+        Number of identical junctions in parallel.
     celsius : float
         Temperature of the junction (°C).
     """
@@ -117,7 +116,7 @@ def table_row(
 
 
 def slope(row: np.ndarray, voltage: float) -> float:
-    """Conductance (S) of a junction of the table about a voltage, less its series resistance's."""
+    """Conductance (S) of a junction of the table at a voltage, without its series resistance."""
     forward = min(voltage, row[HIGHEST]) * row[PER_SWING]
     through = row[SATURATION] * row[PER_SWING] * math.exp(max(forward, BLOCKED))
     if math.isfinite(row[BREAKDOWN]):
@@ -137,7 +136,7 @@ def _at_breakdown(given, saturation, row, volts):
     onset = row[BREAKDOWN]
     if not math.isfinite(onset) or given < saturation * onset / volts:
         return saturation
-    # At most as many iterations as ngspice takes.
+    # At most as many iterations as in ngspice.
     for _ in range(25):
         current = given + saturation * (1.0 - onset / volts)
         onset = row[BREAKDOWN] - row[BREAKDOWN_SWING] * math.log(current / saturation)
@@ -145,14 +144,14 @@ def _at_breakdown(given, saturation, row, volts):
 
 
 class Law:
-    """The law of junctions with the same traits, side by side, written into a function's code.
+    """Writes the law of a vector of junctions with the same traits into a function's code.
 
     Parameters
     ----------
     e : Emitter
         Emitter of the function.
     place, stride : int
-        Address of the first one's numbers in the memory, and from there to its next column.
+        Memory index of the first junction's numbers, and distance to the next column.
     count : int
         Number of junctions.
     has : Traits
@@ -178,7 +177,7 @@ class Law:
             rise = saturation * swings.greater(BLOCKED).exponential()
             slope = rise * per_swing
             through = rise - saturation + slope * excess
-            # ngspice's law of the blocked junction. Its slope is continuous where it begins.
+            # ngspice's law of a blocked junction, with continuous slope.
             inverse = 1.0 / swings.lesser(-REVERSE)
             share = inverse * (REVERSE / math.e)
             back, reverse = saturation * share * share * share, swings < -REVERSE
@@ -264,12 +263,11 @@ class Law:
         return stored, capacitance
 
     def moved(self, old: Number, across: Number) -> tuple[Number, Any]:
-        """Junction voltages for the next Newton iteration; `across` is over junction and
-        resistance.
+        """Junction voltages for the next Newton iteration; `across` includes the series resistance.
 
-        Call after `linear`. Also returns whether all changes are within the tolerance. Where
-        Newton's step leads up the exponential, the voltage is taken from the predicted current,
-        which saves many iterations.
+        Call after `linear`. Also returns whether all changes are within the tolerance. If Newton's
+        step goes up the exponential, the voltage follows from the predicted current, which saves
+        many iterations.
         """
         predicted = (self._through + self._slope * (across - old)) * self._share
         new = across
@@ -300,7 +298,7 @@ class Law:
         return self._e.choose(self._e.any(up), limited, lambda: [new])[0]
 
     def _within_knee(self, current):
-        """The current without the knee, of one with it."""
+        """The current without the knee, from the current with it."""
         knee = self._value(KNEE)
         share = current.greater(0.0) / knee
         root = (share + (share * (share + 4.0)).function("sqrt")) * 0.5
@@ -318,8 +316,7 @@ class Law:
         return self._e.choose(self._e.any(into), limited, lambda: [new])[0]
 
     def _flatness(self, old, new):
-        """Factor by which Newton's tolerance may grow: a bound of exp(depth/2) for blocked
-        junctions.
+        """Factor on Newton's tolerance for blocked junctions: a bound of exp(depth/2).
 
         `depth` is how far both voltages lie below the exponential's rise, in swings n kT/q. There
         the exponential part of the current is smaller by at least this factor.

@@ -1,8 +1,8 @@
-"""The order in which the equations are eliminated, found once for a circuit, and elimination by it.
+"""The order of elimination of a circuit's equations, determined once.
 
-Only entries that are not zero are touched. Rows and columns with linear elements alone come
-first and are eliminated once for a step size and a state of the switches; the remaining core
-takes the junctions' slopes and is eliminated again in every Newton iteration.
+Only nonzero entries are processed. Rows and columns with only linear elements come first and are
+eliminated once per step size and switch state. The remaining core contains the junctions' slopes
+and is eliminated in every Newton iteration.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
 
-# A pivot must exceed the first share of the greatest number in its column, in every trial. Columns
-# without such a pivot take the next share.
+# In every trial a pivot must exceed the first share of the largest number in its column; columns
+# without such a pivot use the next share.
 PIVOT_SHARES = (1e-3, 1e-6, 1e-12, 0.0)
 # Steps (s) and conductances of junctions (S) at which pivots are tried.
 TRIAL_STEPS = (1e-3, 1e-5, 1e-8)
@@ -96,7 +96,7 @@ def _pivots(tables, pattern, trials):
     rows: list[int] = []
     columns: list[int] = []
     linear = None
-    # Only the columns of a pivot's row change with its elimination.
+    # The elimination of a pivot changes only the columns of its row.
     size, changed = np.zeros((n, n)), np.arange(n)
     while len(rows) < n:
         size[:, changed] = _sizes(work[:, :, changed], free_rows)
@@ -131,14 +131,14 @@ def _pivots(tables, pattern, trials):
 
 
 def _sizes(columns, free_rows):
-    """The least share, over the trials, that each number has of the greatest in its column."""
+    """Smallest ratio, over all trials, of each number to the largest in its column."""
     active = np.abs(columns) * free_rows[:, None]
     greatest = active.max(axis=1, keepdims=True)
     return (active / np.where(greatest > 0.0, greatest, np.inf)).min(axis=0)
 
 
 def _best(live, size, allowed, shares):
-    """The pivot with the least fill-in among those great enough in every trial, or None."""
+    """The pivot with the least fill-in among those large enough in every trial, or None."""
     i, j = np.nonzero(allowed)
     sizes = size[i, j]
     cost = (live.sum(axis=1) - 1)[i] * (live.sum(axis=0) - 1)[j] + 1e-3 * (1.0 - sizes)

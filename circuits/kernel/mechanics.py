@@ -1,7 +1,7 @@
-"""A device's mechanics as functions called by address: a load's solver is compiled once for all.
+"""A device's mechanics as functions called by address, so that the solver is compiled only once.
 
-For each sort of spring, damper and contacts only these few functions are compiled; with the solver
-around them it would take ten times as long.
+Each kind of spring, damper and contacts requires only these few functions to be compiled; compiling
+the solver too would take ten times as long.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class Device(NamedTuple):
     ----------
     transducer : the equations of a transducer, see harvester.device.terminals
     numbers : ndarray
-        The whole `System` as it lies in memory.
-    pull : of (whether contacts act, low, high, held speed, x, v)
+        All numbers of the `System`, in memory order.
+    pull : function of (whether contacts are active, low, high, held speed, x, v)
         Spring, damper and, in the zone from low to high, contacts against the motion.
-    contact_step : of (x, v, noise, remaining, longest, steps)
+    contact_step : function of (x, v, noise, remaining, longest, steps)
         Step that resolves a contact at the speed gained until the knot, ≤ longest (s).
-    loss_power : of (x, v, held speed, whether a contact acts)
+    loss_power : function of (x, v, held speed, whether a contact is active)
         Power lost in damper and contacts.
     """
 
@@ -52,7 +52,7 @@ class Device(NamedTuple):
 
 
 def device_of(s: System) -> Device:
-    """The device whose functions the solver calls; they are compiled at first use."""
+    """The device's functions for the solver, compiled at first use."""
     kind, addresses = types.CPointer(numba.typeof(s)), list[int]()
     for function in _FUNCTIONS:
         floats = (types.float64,) * (function.py_func.__code__.co_argcount - 1)

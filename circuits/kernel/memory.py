@@ -10,9 +10,8 @@ from circuits.kernel import junction
 from circuits.kernel.linear import Order
 from circuits.kernel.tables import Tables
 
-# Factored matrices that are kept, one for each length of step and each state of the switches.
-# Steps are the grid's divided by powers of 2 (`stepping._length`), so that few lengths
-# occur.
+# Number of stored factorisations, one per step length and switch state. Steps are the grid's
+# divided by powers of 2 (`stepping._length`), so that few lengths occur.
 SLOTS = 24
 
 
@@ -61,7 +60,7 @@ def layout_of(tables: Tables, order: Order) -> Layout:
 
 
 def fresh_memory(tables: Tables, layout: Layout) -> np.ndarray:
-    """A block of memory with the tables' numbers in it; float64."""
+    """A new block of memory (float64), filled with the tables' numbers."""
     memory = np.zeros(layout.end)
     for offset, numbers in (
         (layout.largest, np.full(tables.steady.size, 1e-9)),

@@ -1,4 +1,4 @@
-"""Adds a load's elements to a `Builder`, each kind by one function; unknown kinds are refused."""
+"""Adds a load's elements to a `Builder`, one function per kind; unsupported kinds raise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
     Raises
     ------
     LoadError
-        One of them is not taken, and the `whole` load is asked for.
+        An element is not supported, and the `whole` load is required.
     """
     pins = circuit_elements.load_pins(network)
     for pin in load.stray_pins:
@@ -67,7 +67,7 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
 
 
 def _refuse(each: Element, reason: str) -> NoReturn:
-    """Raise LoadError: the compiled engine does not take this element."""
+    """Raise LoadError: the compiled engine does not support this element."""
     raise LoadError(
         f"{each.where}: {each.name}: Monte Carlo does not take {reason}; use the circuit engine"
     )
@@ -111,7 +111,7 @@ def _diode(b, each):
     row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
-        # The junction follows its series resistance, at an internal node.
+        # The junction is in series with its resistance, at an internal node.
         inner = b.node(f"{each.name}:inside")
         b.between(anode, inner, conductance=1.0 / row[junction.RESISTANCE])
         row[junction.RESISTANCE] = 0.0
@@ -175,12 +175,12 @@ def _controlled(b, each):
 
 
 def _current(b, each):
-    """The unknown that is the current of the source that controls it."""
+    """The unknown of the controlling source's current."""
     return b.unknowns[f"i({each.controls[0]})"]
 
 
 def _behavioural(b, each):
-    """A current between two nodes, or the voltage of a branch, by an expression."""
+    """Add a current between two nodes, or the voltage of a branch, given by an expression."""
     a, z = _ends(b, each)
     tree = each.expression
     if each.voltage:
@@ -221,5 +221,5 @@ _ADD = {
     "w": _switch, "v": _voltage_source, "i": _current_source, "e": _controlled,
     "g": _controlled, "f": _controlled, "h": _controlled, "b": _behavioural,
 }  # fmt: skip
-# Letters of elements that name other elements, which must therefore be read first.
+# Letters of elements that refer to other elements, which must be added first.
 _AFTER = "kfhw"

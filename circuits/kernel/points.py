@@ -1,4 +1,4 @@
-"""Points of a record from a step's end, and the power into the load that a step gives them."""
+"""Writes points of a record at the end of steps, with the mean power into the load."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def load_power(probes: Probes, state: State) -> float:
 
 @merged
 def stored_energy(device: Device, probes: Probes, state: State) -> float:
-    """The transducer's energy, scaled; 0 where it keeps none."""
+    """The transducer's energy, scaled; 0 if it stores none."""
     state_row = probes.places[2]
     if state_row < 0:
         return 0.0
@@ -46,8 +46,8 @@ def given_power(device: Device, probes: Probes, state: State, slope: float, shar
 
     `slope` is the excitation's.
 
-    Less the transducer's stored energy it is the load's power, also over a step in which a pulse
-    empties it: the motion is smooth there, voltage times current is not.
+    Minus the growth of the transducer's energy it is the load's power, even if a pulse discharges
+    the transducer: the motion is then smooth, unlike voltage times current.
     """
     y, change, places, units = state.y, state.change, probes.places, probes.units
     branch, state_row = places[1], places[2]
@@ -77,10 +77,10 @@ def add_points(
     noise: float,
     free: tuple[float, float],
 ) -> int:
-    """Record a step's end as a point; if the power jumped at its beginning, that point is repeated.
+    """Record the end of a step; if the power jumped at its beginning, repeat that point.
 
     `before` are the load's power and the transducer's energy at the step's beginning, `scale` is
-    its energy that counts, `free` the displacements between which no contact acts. Returns the
+    its reference energy, `free` the displacements between which no contact is active. Returns the
     number of points.
     """
     power, stored = before
@@ -89,7 +89,8 @@ def add_points(
     missing = abs(2.0 * mean - power - last)
     counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
     if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
-        # The point is repeated with the power that makes the mean of both ends equal to the step's.
+        # The point is repeated with a power that makes the mean of both ends equal to the step's
+        # mean.
         _again(record, output, points, 2.0 * mean - last)
         points += 1
     _write(device, probes, state, record, output, points, time, noise, free)
@@ -98,7 +99,7 @@ def add_points(
 
 @compiled
 def _again(record, output, point, power):
-    """The last point of a record once more, with another power into the load."""
+    """Repeat the last point of a record with another power into the load."""
     for column in record:
         column[point] = column[point - 1]
     record.load_power[point] = power

@@ -1,14 +1,14 @@
 """Frequency pre-warping of TR-BDF2: exact for a linear device at one frequency.
 
-A step of length h misplaces the frequency ω by 0.040 (ωh)² of itself and damps it with a ratio of
-0.018 (ωh)³. Noise does not see that; at 40 steps a period it is half the width of a resonance with
-Q = 500. Both follow from the method's stability function R(z) = (1 + (1 − 2d) z)/(1 − d z)². With
-z the root of R(z) = exp(iωh) near iωh, the method solves
+A step of length h has a relative frequency error of 0.040 (ωh)² and a damping ratio of 0.018 (ωh)³.
+This is irrelevant for noise, but at 40 steps per period it is half the width of a resonance with
+Q = 500. Both follow from the method's stability function R(z) = (1 + (1 − 2d) z)/(1 − d z)². With z
+the root of R(z) = exp(iωh) near iωh, the method solves
 
     X' = p V,   V' = η − p (forces + γ V),   p = Im z/(ωh),   γ = p ω Im z²/Re z²
 
-so that X and V swing as the exact equations have them at ω. The charge that the mass moves goes
-with X, as p V. Other frequencies ω' keep the share (ω'² − ω²)/ω'² of the error.
+so that X and V oscillate as in the exact equations at ω. The charge moved by the mass is
+proportional to X, as p V. At other frequencies ω' the share (ω'² − ω²)/ω'² of the error remains.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from circuits.kernel.stage import State
 from circuits.kernel.tables import Tables
 from harvester.base.compilation import compiled, merged
 
-# The coefficient δ of a stage, over the step.
+# The coefficient δ of a stage, relative to the step.
 DIAGONAL = 1.0 - 0.5 * np.sqrt(2.0)
 
 
 @compiled
 def tr_bdf2_prewarp_factor(angle: float) -> tuple[float, float]:
-    """Return the pace p, and the damping over ω that cancels the method's own.
+    """Return the factor p, and the damping over ω that cancels the method's numerical damping.
 
-    ngspice's is `circuits.equivalent.elements.trapezoidal_prewarp_factor`.
+    See `circuits.equivalent.elements.trapezoidal_prewarp_factor` for ngspice.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def tr_bdf2_prewarp_factor(angle: float) -> tuple[float, float]:
 
 @merged
 def retime(tables: Tables, state: State, h: float) -> None:
-    """Set the pre-warping for a step of length h, if a line must be exact; at 0 none."""
+    """Set the pre-warping for a step of length h if the scene has a line; h = 0: none."""
     scalars = state.scalars[0]
     if scalars.line > 0.0 and scalars.timed_for != h:
         scalars.timed_for = h

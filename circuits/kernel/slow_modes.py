@@ -22,34 +22,34 @@ if TYPE_CHECKING:
 # Conductance from every node to ground, in siemens, which gives isolated nodes a voltage. It is a
 # hundredth of ngspice's conductance in parallel with a junction.
 LEAK = 1e-2 * junction.LEAST_CONDUCTANCE
-# A time constant above this share of the leak's own is caused by the leak.
+# A time constant above this share of the leakage's time constant is caused by the leakage.
 LEAKS_SHARE = 0.1
 _ACTIVE = "swqjmb"
 
 
 def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
-    """Matrix G⁻¹ C: times the levels' rates of change, it gives their distance from steady state.
+    """Matrix G⁻¹ C, which times the levels' rates of change is their distance from steady state.
 
     Parameters
     ----------
     ready : Prepared
         A scene whose load is a netlist.
     levels : mapping of str to float
-        Mean voltages (V) and currents (A) by the load's own names.
+        Mean voltages (V) and currents (A), by names in the load.
     blocking : bool
-        Whether diodes, open switches and expressions are included, each with its slope at the mean
-        levels; else they conduct nothing.
+        Whether diodes, open switches and expressions are included, with their slopes at the mean
+        levels; otherwise they do not conduct.
 
     Returns
     -------
     ndarray, shape (len(levels), len(levels))
-        Levels by rates (s): the inverse of the conductances times the capacitances. A level that
-        nothing discharges keeps its charge. Its eigenvalues are the relaxation times.
+        Levels by rates (s): the inverse of the conductances times the capacitances. A level without
+        a discharge path keeps its charge. The eigenvalues are the relaxation times.
 
-    Elements that the compiled engine does not take count as blocking.
+    Elements that the compiled engine does not support do not conduct.
     """
     b, measurement, _, velocity = collect(ready, whole=False)
-    # The velocity and the ground are last; they are no part of the load.
+    # Velocity and ground are last and do not belong to the load.
     ground = velocity + 1
     places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])
     y = np.zeros(ground + 1)
@@ -64,10 +64,10 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
 
 
 def slowest_time(ready: Prepared) -> float:
-    """The longest time (s) in which a load's resistors charge or discharge its stores; 0 if none.
+    """The longest time constant (s) of a load's stores with its resistors; 0 if none.
 
-    A store that only a diode leads to has no such time. In a load with switches, transistors or
-    expressions, which carry charge at other rates, only the parts across its output count.
+    A store connected only through a diode has no such time. In loads with switches, transistors or
+    expressions, which transfer charge at other rates, only parts across the output count.
     """
     load = ready.scene.load.circuit
     if any(
@@ -99,7 +99,7 @@ def _place(tree, b, ground):
 
 
 def _solved(c, g, nodes):
-    """G⁻¹ C; where only capacitors lead to a node the sum of their charges stays as it is."""
+    """G⁻¹ C; at nodes with only capacitors the sum of their charges is conserved."""
     alone = ~np.any(g != 0.0, axis=1)
     held = np.where(alone[:, None], 0.0, c)
     g = np.where(alone[:, None], c, g + np.diag(np.where(nodes, LEAK, 0.0)))
@@ -115,7 +115,7 @@ def _network(tables: Tables, y: np.ndarray, blocking: bool) -> tuple[np.ndarray,
     rows, columns = tables.entries.T
     np.add.at(capacity, (rows, columns), tables.capacity)
     np.add.at(conductance, (rows, columns), tables.conductance)
-    # The terms of the velocity belong to the device.
+    # Terms of the velocity belong to the device.
     for matrix in (capacity, conductance):
         matrix[size - 2], matrix[:, size - 2] = 0.0, 0.0
     if blocking:

@@ -1,11 +1,11 @@
 """One implicit stage of a step: Newton's iterations on the circuit and the motion together.
 
-Every stage asks for the change u of the unknowns y since the step's beginning in
+Every stage solves for the change u of the unknowns y since the step's beginning in
 
     C u + q(y + u) − q(y) + δ [G (y + u) + i(y + u) − s] = r,
 
-and for X = X₀ + δ X'. In changes, because a storage capacitor's charge would round a diode's
-current away.
+and for X = X₀ + δ X'. Changes are used, because next to a storage capacitor's charge a diode's
+current would be lost by rounding.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from circuits.netlist.expression_graph import slopes as graph_slopes
 from harvester.base.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
-# The iterations end at a relative Newton step below these; the next step would be about its square.
-# The first applies to the velocity out of contact, where the force is smooth, relative to the
-# greatest so far. The second applies to other unknowns, and in contact.
+# Newton's iterations end at a relative step below these: the next step would be about its square.
+# The first applies to the velocity out of contact, where the force is smooth, relative to its
+# largest value so far; the second to other unknowns, and in contact.
 SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
-# A float64 holds the states of this many switches exactly, as the bits of an integer.
+# Number of switches whose states fit exactly into a float64, as bits of an integer.
 SWITCHES_PER_KEY = 52
-# Relative change of displacement and velocity by which slopes of the force are computed.
+# Relative change of displacement and velocity for difference quotients of the force.
 DIFFERENCE = 1e-6
 
 
@@ -139,7 +139,7 @@ def fresh_state(circuit: Circuit) -> State:
 
 @merged
 def _has_wanted_key(keys: np.ndarray, slot: int) -> bool:
-    """Whether a slot's factors are for the δ and the switches in the last row of the keys."""
+    """Whether a slot's factors match the δ and switch states in the last row of the keys."""
     equal = True
     for k in range(keys.shape[1]):
         equal &= keys[slot, k] == keys[SLOTS + 1, k]
@@ -148,7 +148,7 @@ def _has_wanted_key(keys: np.ndarray, slot: int) -> bool:
 
 @merged
 def slot_of(tables: Tables, state: State, delta: float) -> int:
-    """Memory index of the factors for a step's δ, computed if need be."""
+    """Memory index of the factors for a step's δ, computed if necessary."""
     keys, closed = state.keys, state.closed
     wanted = SLOTS + 1
     keys[wanted, 0] = delta
@@ -162,7 +162,7 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
         for k in range(closed.size):
             state.switches[k] = tables.switch_values[k, closed[k]]
         slot = 0
-        # The slots form a ring, so that the latest steps are found first.
+        # The slots form a ring buffer, searched from the latest.
         while slot < SLOTS and not _has_wanted_key(keys, slot):
             slot += 1
         if slot == SLOTS:
@@ -180,7 +180,7 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
 def force(
     device: Device, touching: bool, low: float, high: float, held: float, x: float, v: float
 ) -> float:
-    """Spring, damper and the contacts that act, against the motion."""
+    """Force of spring, damper and active contacts against the motion."""
     acts = 1.0 if touching else 0.0
     return evaluate(device.pull, device.numbers, (acts, low, high, held, x, v))
 
@@ -194,14 +194,14 @@ def add_waves(
     time: float,
     delta: float,
 ) -> None:
-    """δ s of the sources that change onto a right-hand side."""
+    """Add δ s of the time-varying sources to a right-hand side."""
     for k in range(sources.shape[0]):
         right[sources[k, 0]] += delta * waveform.value(sources[k, 1], waves[k], corners, time)
 
 
 @compiled
 def _linearise(rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time):
-    """Behavioural sources at the latest iterate, in terms of the change u."""
+    """Linearise behavioural sources at the latest iterate, in terms of the change u."""
     evaluate_graph(rows, values, latest, time)
     position = 0
     for k in range(behavioural.shape[0]):
@@ -217,14 +217,14 @@ def _linearise(rows, behavioural, inputs, values, shares, latest, y, slopes, siz
 
 @merged
 def _near(state, only_motion, smooth):
-    """Whether the core's unknowns moved by little; the latest iterate becomes theirs."""
+    """Whether the core's unknowns changed little; stores the latest iterate."""
     settled = True
     for position in range(state.motion if only_motion else 0, state.core.size):
         unknown = state.core[position]
         moving = position == state.motion
         new = state.y[unknown] + state.solution[position]
         moved = abs(new - state.latest[unknown])
-        # NaN counts as not near, so that the iteration continues or fails.
+        # NaN counts as a large change, so that the iteration continues or fails.
         free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
         settled = settled and moved <= free * max(state.largest[unknown], abs(new))
         state.latest[unknown] = new
@@ -245,7 +245,7 @@ def solve_stage(
     zone: Any,
     row_unit: float,
 ) -> bool:
-    """Newton's iterations of a stage that has begun; True if they converged.
+    """Run Newton's iterations of a stage; True if they converged.
 
     Parameters
     ----------

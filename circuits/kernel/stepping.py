@@ -1,19 +1,19 @@
 """The device with its load, step by step: TR-BDF2, its error, switches and contacts.
 
 TR-BDF2 (Bank et al. 1985, Hosea and Shampine 1996) is of second order, A- and L-stable, and both
-its implicit stages have one matrix. It needs the rates of change at the step's beginning. Where a
-contact has just changed them, Alexander's SDIRK, of the same order and with the same matrix, takes
-the step, as it needs none. After a switch one very short step of backward Euler is taken: a
-capacitor may then discharge at once through a diode. A second stage would continue this discharge
-by 1.4 times as much, and the diode would not let the excess flow back.
+its implicit stages have one matrix. It needs the rates of change at the step's beginning. If a
+contact has just changed them, Alexander's SDIRK, of the same order and with the same matrix, is
+used, as it does not need them. After a switching event there is one very short step of backward
+Euler: a capacitor may then discharge through a diode immediately. A second stage would continue
+this discharge by a factor of 1.4, and the diode would block the backflow of the excess.
 
     t             t + γh          t + h        γ = 2 − √2
     ├─ trapezoidal ─┤               │          first stage
     ├───────────── BDF2 ────────────┤          second stage; both have one matrix
 
 `_find_step` shortens h for four reasons, in this order: Newton's iterations diverge, the estimated
-error is too large, a contact begins or ends within the step, a switch or a source jumps within it.
-A step that passes all four is accepted (`_accept`), and its points go into the record.
+error is too large, a contact begins or ends within the step, a switch or source jumps within it.
+Otherwise the step is accepted (`_accept`), and its points are recorded.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from harvester.base.compilation import compiled, merged, uncounted
 from harvester.device.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
-# End of TR-BDF2's first stage, as a share of the step. Only with this value both stages have the
+# End of TR-BDF2's first stage, as a share of the step: the value for which both stages have the
 # same matrix (Hosea and Shampine 1996).
 STAGE = 2.0 - ROOT
 # Weight of the first stage's change in the second stage: for TR-BDF2's backward difference, and for
@@ -50,43 +50,41 @@ BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
 # Largest error of a step: the root of the error's energy over the root of the transducer's energy.
 # `State.strictness` makes it smaller on a finer grid of steps.
 TOLERANCE = 1e-3
-# A new step is this share of the one whose error would just be allowed, so that it is seldom
+# Safety factor of the next step relative to the step with the allowed error, so that few steps are
 # rejected. The error's square grows as the sixth power of the step: below GROWING the next step is
-# no shorter than this one.
+# not shorter than this one.
 CAUTION = 0.9
 GROWING = CAUTION**6
-# A step's mean power is the quadrature that belongs to the method. These are the weights of the
-# power at the step's beginning, in its first stage and at its end, for TR-BDF2 and for Alexander's
-# SDIRK.
+# Weights of a step's mean power in the method's quadrature: power at the step's beginning, first
+# stage and end, for TR-BDF2 and for Alexander's SDIRK.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
-# These are shares of a step of the grid. RESTART: the first step after a switch has turned.
-# LEAST_RESTART: a step after a turn that is as short is accepted whatever its error. SHORTEST: a
-# run that needs a shorter step ends as STUCK. LOCATED: how well the time of a turn is found.
+# Shares of a grid step. RESTART: the first step after a switching event. LEAST_RESTART: after a
+# switching event a step this short is accepted whatever its error. SHORTEST: a run that needs a
+# shorter step ends as STUCK. LOCATED: accuracy of the time of a switching event.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
 # RESTART and LOCATED of a self-oscillating switch, in time constants of its control.
 TURN_RESTART, TURN_LOCATED = 0.05, 0.01
-# The time of a turn is also found to this share of the step that led across it.
+# The same accuracy, as a share of the step across the switching event.
 LOCATED_SHARE = 0.02
-# A corner of a source counts as reached when it is nearer than this share of a step of the grid and
-# this share of the time, its rounding.
+# A corner of a source counts as reached within this share of a grid step plus this share of the
+# time (rounding).
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
-# A switch that turns more often than this within one step of the grid chatters.
+# A switch that toggles more often than this within a grid step chatters.
 MOST_SWITCHINGS = 400
-# Largest number of jumps of sources that are located within one step of the grid; a source whose
-# jump toggles it back at once would jump endlessly.
+# Largest number of located source jumps within a grid step, since a source that toggles itself back
+# would jump endlessly.
 MOST_JUMPS = 20
-# Steps of the grid over which the transducer's energy, the reference of errors, is averaged. A
-# voltage below this share of one scaled volt counts as that, else errors of a device at
-# rest would be judged against nothing.
+# Grid steps over which the transducer's energy, the reference of errors, is averaged. The second
+# number is the smallest reference voltage (in scaled volts), for a device at rest.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
-# A run is stopped if a source chatters: in COUNTED steps that are on average shorter than
-# SLIDING_STEP of the grid's step, it jumps by half its greatest value in more than JUMPING_SHARE of
-# them. Smooth sources change by little in a step; a step load without a hysteresis slides at 1e-8
-# of the grid's step, jumping in every fourth.
+# A run stops if a source chatters: in COUNTED steps with a mean length below SLIDING_STEP grid
+# steps, it jumps by half its largest value in more than JUMPING_SHARE of the steps. Smooth sources
+# change little in a step; a step load without hysteresis has steps of 1e-8 grid steps and jumps in
+# every fourth.
 COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
-# How `advance` ends: with its work done, or the reason why it cannot continue.
+# Return values of `advance`: completed, or the reason why it cannot continue.
 FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 
@@ -117,13 +115,13 @@ def advance(
     tables, probes : Tables, Probes
         The load's network, and the indices of the record's numbers in it.
     state : State
-        Changed.
+        The state, changed in place.
     edges : ndarray
         Edges of the contact zones (scaled displacement).
     block : ndarray
         The excitation at its knots.
     segment, count : int
-        Segment of the block to begin with, and how many it has.
+        First segment of the block, and its number of segments.
     first_knot : int
         Number of the block's first knot in the run.
     spacing : float
@@ -131,7 +129,7 @@ def advance(
     steps_per_sample, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
     plan : circuits.netlist.source_schedule.Breakpoints
-        Steps that follow the load's own sources.
+        Steps prescribed by the load's sources.
     record : Record
         Filled with the accepted points.
     output : ndarray, shape (1 + watched, points)
@@ -140,8 +138,8 @@ def advance(
     Returns
     -------
     int, int, int, int
-        The segment reached, the points written, how it ended (FINE, STUCK, CHATTER,
-        SOURCE_CHATTER), and which switch or behavioural source chatters.
+        Last segment, number of points written, reason of the end (FINE, STUCK, CHATTER,
+        SOURCE_CHATTER), index of the chattering switch or behavioural source.
     """
     scalars = state.scalars[0]
     step = spacing / steps_per_sample
@@ -215,7 +213,7 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, interval, time, step):
-    """Find where a time lies in the load's plan of steps.
+    """Locate a time in the load's plan of steps.
 
     Returns the interval's index, the time left to its end, the longest step that it allows, and
     whether the load jumps at that end.
@@ -230,7 +228,7 @@ def _planned(plan, interval, time, step):
 
 @merged
 def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed):
-    """Length of the next step that the last one's error, sources and a contact allow."""
+    """Longest next step allowed by the last error, the sources and a contact."""
     longest = min(state.scalars[0].proposed, step, allowed)
     for k in range(tables.sources.shape[0]):
         longest = min(longest, waveform.longest_step(tables.sources[k, 1], tables.waves[k]))
@@ -245,9 +243,9 @@ def _longest(device, tables, state, zone, noise, remaining, step, steps_per_cont
 def _find_step(device, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
     """A step that is short enough for its error, the end of its zone and the switches.
 
-    Returns its length (−1: none is), the new X, the square of its error over the tolerance, the
-    transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
-    source jumps.
+    Returns its length (−1: none), the new X, the square of its error over the tolerance, the
+    reference energy, the number of zones crossed, the switch that toggles, and whether a source
+    jumps.
     """
     scalars, last = state.scalars[0], state.y.size - 1
     x, v = scalars.displacement, state.y[last]
@@ -285,12 +283,12 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
                 continue
         switch, share = switched(tables, state)
         leaps, its = passed(tables, state, time + h)
-        # A source that jumps back at once is located only so often.
+        # A source that jumps back immediately is located only MOST_JUMPS times.
         leaps = leaps and scalars.switchings < MOST_JUMPS
         if (switch >= 0 or leaps) and width < 0.0:
             width = max(min(located, LOCATED_SHARE * h), 4.0 * least)
         if leaps and its <= share and h > 2.0 * width:
-            # A short step crosses the jump: over a step the source has its value at the end.
+            # A short step crosses the jump: during a step a source has its final value.
             h = h * its - 0.5 * width if h * its > width else h * its + 0.5 * width
             entered = 0
             continue
@@ -304,7 +302,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
 
 @merged
 def _enter(state, place, zone):
-    """Change the contact zone of the state; where free flight ends, keep the impact speed."""
+    """Change the contact zone of the state; at the end of free flight store the impact speed."""
     scalars = state.scalars[0]
     scalars.zone = place
     scalars.rates = Rates.UNKNOWN
@@ -314,7 +312,7 @@ def _enter(state, place, zone):
 
 @merged
 def _turn(tables, state, step):
-    """Turn the switches whose controls have passed their thresholds; True if they chatter."""
+    """Toggle the switches whose controls have crossed their thresholds; True if they chatter."""
     scalars = state.scalars[0]
     turn(tables, state)
     _restart(scalars, step)
@@ -323,7 +321,7 @@ def _turn(tables, state, step):
 
 @merged
 def _chattering(tables, state, time, step):
-    """The behavioural source that toggles within every few far too short steps, or −1."""
+    """Index of the behavioural source that chatters, or −1."""
     scalars, jumps = state.scalars[0], state.jumps
     worst = 0
     for k in range(jumps.shape[0]):
@@ -346,7 +344,7 @@ def _chattering(tables, state, time, step):
 
 @merged
 def _restart(scalars, step):
-    """Restart after a switch has turned: with a short step, and with unknown rates of change."""
+    """Restart after a switching event: with a short step and unknown rates of change."""
     scalars.switchings += 1
     scalars.rates = Rates.TURNED
     scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.crossing_time)
@@ -354,15 +352,15 @@ def _restart(scalars, step):
 
 @merged
 def _growth(ratio):
-    """The factor by which the next step may be longer, from the square of this one's error."""
+    """Growth factor for the next step, from the square of the present error."""
     return CAUTION / np.cbrt(np.sqrt(ratio))
 
 
 @compiled
 def _length(longest, remaining, step):
-    """The longest step that is allowed: the grid's, divided by a power of 2, or what remains.
+    """The longest allowed step: the grid's divided by a power of 2, or the remainder.
 
-    Matrices are factored for each length: few different ones are kept (`memory.SLOTS`).
+    Matrices are factored per step length, and few are stored (`memory.SLOTS`).
     """
     if longest >= remaining * (1.0 - 1e-9):
         return remaining
@@ -385,8 +383,7 @@ def _guess(tables, state, share):
 
 @merged
 def _set_sources(tables, state, time, noise, delta):
-    """Set the right-hand side to a stage's contributions of η and of sources that change in
-    time."""
+    """Set the right-hand side to a stage's contributions of η and time-varying sources."""
     if tables.sources.shape[0] + tables.driven.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
@@ -450,7 +447,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
         if rates_known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
-            # A turning point is located to this accuracy at best: Newton's residual limits it.
+            # Newton's residual limits the accuracy of a located switching event.
             if h >= located:
                 missed = missed_controls(tables, state)
                 if tables.own.shape[0] > 0:
@@ -463,7 +460,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
 
 @compiled
 def _leaves(low, high, x, v, x1, v1, h):
-    """Neighbouring zone that a step enters (−1, 0, 1), and the share of the step until then."""
+    """Neighbouring zone that a step enters (−1, 0, 1), and the share of the step before it."""
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1
@@ -477,7 +474,7 @@ def _leaves(low, high, x, v, x1, v1, h):
 
 @merged
 def _accept(probes, state, h, x1, ratio, step):
-    """The step's end becomes the state; the next step follows its error."""
+    """Make the step's end the state, and propose the next step from the error."""
     scalars, y = state.scalars[0], state.y
     call(state.code.accept, state.address, state.slots, 0.0, 0.0, 0.0)
     scalars.displacement = x1

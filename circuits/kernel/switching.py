@@ -8,14 +8,14 @@ from circuits.kernel.tables import Tables
 from circuits.netlist.expression_graph import evaluate
 from harvester.base.compilation import merged
 
-# A switch's control is known to this share of its distance from the threshold and its hysteresis.
-# At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
-# ringing after a diode's breakdown was a fifth too deep.
+# Tolerance of a switch's control, relative to its distance from the threshold plus its hysteresis.
+# At 0.1, series SSHI missed voltage extremes (7 % of the mean square); at 0.01, ringing after a
+# diode's breakdown was 20 % too large.
 CONTROL_TOLERANCE = 0.001
-# Allowed error of the charges and fluxes of a self-oscillating load, as a share of their
-# greatest size: at five times as much, the mean square of a relaxation was 0.6 % too large. Sizes
-# below LEAST_OWN of the greatest voltage or current are raised to that, so that rounding is not
-# followed.
+# Tolerance of the charges and fluxes of a self-oscillating load, relative to their largest value:
+# at five times this tolerance, the mean square of a relaxation oscillation was 0.6 % too large.
+# Values below LEAST_OWN of the largest voltage or current are raised to it, so that rounding errors
+# do not shorten steps.
 OWN_TOLERANCE, LEAST_OWN = 2e-5, 1e-4
 
 
@@ -31,7 +31,7 @@ def _control(tables, state, k):
 
 @merged
 def switched(tables: Tables, state: Any) -> tuple[int, float]:
-    """The switch that turns first within the step, −1 for none, and at which share of it."""
+    """The switch that toggles first within the step (−1: none), and the share before it."""
     first, least = -1, 2.0
     for k in range(state.closed.size):
         before, after = _control(tables, state, k)
@@ -47,7 +47,7 @@ def switched(tables: Tables, state: Any) -> tuple[int, float]:
 
 @merged
 def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
-    """Whether a source jumps within a step that ends at a time, and at which share of it first."""
+    """Whether a source jumps within a step that ends at `time`, and the share before it."""
     least = 2.0
     if tables.zero_crossings.size > 0:
         evaluate(tables.graph, state.values, state.latest, time)
@@ -60,14 +60,14 @@ def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
 
 @merged
 def accept_passed(tables: Tables, state: Any) -> None:
-    """Keep the values whose zeros make sources jump, at the end of the last step."""
+    """Store the values at the step's end whose zero crossings make sources jump."""
     for k in range(tables.zero_crossings.size):
         state.passing[k] = state.values[tables.zero_crossings[k]]
 
 
 @merged
 def turn(tables: Tables, state: Any) -> None:
-    """Turn every switch whose control has passed its threshold."""
+    """Toggle every switch whose control has crossed its threshold."""
     n = state.y.size
     for k in range(state.closed.size):
         a, z = tables.switches[k, 2], tables.switches[k, 3]

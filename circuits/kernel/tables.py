@@ -1,4 +1,4 @@
-"""A device's transducer and its load as tables of numbers, from which one compiled solver works.
+"""A device's transducer and load as tables of numbers, the input of the compiled solver.
 
 Unknowns are the voltages of all nodes, the currents of inductors and of elements that set a
 voltage, and, last, the velocity X'. They obey d/dt [C y + q(y)] + G y + i(y) = s(t), in A and V;
@@ -62,7 +62,7 @@ class Probes(NamedTuple):
         reference, and the unknowns that the load's measures are made of.
     units : float64, shape (5,): scaled values of a volt, of the state's volt or ampere, of an
         ampere, of a watt, and the joules of a unit of mechanical energy's row.
-    energy : (capacitance (F), volts) by which a store of energy counts as small.
+    energy : (capacitance (F), volts) below whose energy a store is negligible.
     """
 
     places: np.ndarray
@@ -71,7 +71,7 @@ class Probes(NamedTuple):
 
 
 class Circuit(NamedTuple):
-    """A built circuit, as `build` returns it.
+    """A circuit, as returned by `build`.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Circuit(NamedTuple):
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     load : circuits.netlist.load_circuit.LoadCircuit
     measurement : of the load, from the unknowns watched.
-    schedule : when the sources of the load change.
+    schedule : times at which the load's sources change.
     """
 
     tables: Tables

@@ -71,7 +71,7 @@ def value(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float
 
 @compiled
 def next_corner(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float:
-    """The first time after this one at which a changing source bends; infinite without one."""
+    """The next time at which a time-varying source has a corner; infinite without one."""
     if kind == LINES:
         for k in range(int(row[FIRST]), int(row[LAST])):
             if corners[k, 0] > time:
@@ -104,7 +104,7 @@ def _first_after(time, one, other):
 
 @compiled
 def longest_step(kind: int, row: np.ndarray) -> float:
-    """The longest step that follows a changing source between its corners; infinite for lines."""
+    """The longest step that resolves a time-varying source between corners; infinite for lines."""
     if kind == SINE and row[5] > 0.0:
         return 1.0 / (STEPS_OF_SINE * row[5])
     return np.inf

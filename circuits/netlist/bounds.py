@@ -1,7 +1,7 @@
-"""Bounds of an expression of the time over intervals of time, by interval arithmetic.
+"""Bounds of an expression of time over time intervals, by interval arithmetic.
 
-Whatever happens within an interval lies between the bounds, so that no pulse is missed between two
-samples. The narrower the interval, the closer they are.
+All values within an interval lie between the bounds, so that no pulse between two samples is
+missed. Narrower intervals give tighter bounds.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def of_time_alone(tree: Tree) -> bool:
-    """Whether an expression depends on the time, and on no voltage or current."""
+    """Whether an expression depends on time but not on voltages or currents."""
     kinds = {leaf[0] for leaf in leaves(tree)}
     return "time" in kinds and not kinds & {"v", "i"}
 
 
 def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
-    """Least and greatest values of a tree of time alone over intervals; infinite where not known.
+    """Bounds of a tree that depends only on time, over intervals; infinite if unknown.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def _sine(a):
 
 
 def _meets(a, angle):
-    """Whether an interval contains an angle, up to whole turns."""
+    """Whether an interval contains an angle, modulo 2π."""
     turns = (a[0] - angle) / (2.0 * math.pi), (a[1] - angle) / (2.0 * math.pi)
     return np.floor(turns[1]) > np.floor(turns[0])
 

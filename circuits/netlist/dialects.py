@@ -21,7 +21,7 @@ from circuits.netlist.reader import Card
 
 NGSPICE, LTSPICE, PSPICE = DIALECTS = ("ngspice", "ltspice", "pspice")
 _LOGIC = {"&": "and", "&&": "and", "|": "or", "||": "or"}
-# Words that only one of the programs has.
+# Words that occur in only one of the programs.
 _MARKS = {
     LTSPICE: re.compile(
         r"\b(if|buf|inv|int|hypot|pwrs|round|limit)\(|\b(rser|rpar|cpar|mfg|iave|vpk)=|\b[vi]h=-"
@@ -33,7 +33,7 @@ _EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
 
 
 class _Foreign(Parser):
-    """Operators of LTspice and PSpice: values above 0.5 are true, ^ is exclusive or."""
+    """Parser for LTspice and PSpice: values above 0.5 are true, ^ is exclusive or."""
 
     tightness: Mapping[str, int] = {**TIGHTNESS, "&&": 0, "&": 0, "|": 0, "^": 0}
     negations = ("!", "~")
@@ -60,7 +60,7 @@ class _Foreign(Parser):
         return super().compared(sign, left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """Build the tree of a power; of a negative base its real part, as LTspice has it."""
+        """Build the tree of a power; for a negative base its real part, as in LTspice."""
         if exponent[0] == "number" and exponent[1] % 2.0 == 0.0:
             return super().raised(base, exponent)
         size = _size(base, exponent)
@@ -81,7 +81,7 @@ class _Foreign(Parser):
 
 
 def _size(base, exponent):
-    """The power of the size, in a parameter and in a source alike."""
+    """The power of the absolute value, in parameters and sources."""
     return ("call", "pow", ("call", "abs", base), exponent)
 
 
@@ -104,7 +104,7 @@ def _theirs(text):
 
 
 def _ours(text):
-    """Written out too: trees of a thousand terms are too deep to be compared."""
+    """Also written as text: trees of a thousand terms are too deep for a comparison."""
     try:
         return written(parse(text))
     except ExpressionError:
@@ -112,7 +112,7 @@ def _ours(text):
 
 
 def ambiguity(cards: Iterable[Card]) -> str:
-    """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
+    """A note if a file without a dialect line may be from LTspice or PSpice; else empty."""
     cards = list(cards)
     expressions = [
         (card.where, "".join(pair)) for card in cards for pair in _EXPRESSION.findall(card.text)
@@ -122,9 +122,9 @@ def ambiguity(cards: Iterable[Card]) -> str:
         unlike = (expression for expression in expressions if _differs(expression[1]))
         for where, text in unlike if words else ():
             return (
-                f"{where}: {text[:60]} is read as ngspice has it, and means something else to "
-                f"{dialect}, whose {words[0][:20]!r} the file has: add * dialect: {dialect} or "
-                "* dialect: ngspice in it"
+                f"{where}: {text[:60]} is read in ngspice's syntax, but has another meaning in "
+                f"{dialect}, whose {words[0][:20]!r} it contains: add * dialect: {dialect} or "
+                "* dialect: ngspice to it"
             )
     return ""
 

@@ -1,4 +1,4 @@
-"""The frozen tree of a load: its elements with numbers, full names and file lines."""
+"""The elements of a load, with numbers, full names and file lines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from circuits.netlist.expression import Tree, currents_in, nodes_in
 from circuits.netlist.waveform import Waveform
 
-# Advice in the message on a refused current.
+# Advice in messages on unavailable currents.
 AMMETER = (
     "SPICE computes currents of V, E, H, L and of B with v= alone; for another element, insert a "
     "source of 0 V in series (V1 a b 0) and use i(V1)"
@@ -16,7 +16,7 @@ AMMETER = (
 
 
 class Model(NamedTuple):
-    """A .model as one element sees it: its name, kind, parameters and flags."""
+    """A .model as used by one element: name, kind, parameters and flags."""
 
     name: str
     kind: str
@@ -24,7 +24,7 @@ class Model(NamedTuple):
     flags: tuple[str, ...] = ()
 
     def get(self, name: str, otherwise: float = 0.0) -> float:
-        """One of its numbers."""
+        """The value of a parameter."""
         return dict(self.numbers).get(name, otherwise)
 
 
@@ -33,12 +33,12 @@ class Element(NamedTuple):
 
     Attributes
     ----------
-    letter : its kind.
-    name : the calls on the way to it and its own, "xbridge.dupper".
-    nodes : names of nodes; at the load's pins the names of the pins.
+    letter : kind of the element.
+    name : full name, after the calls that lead to it: "xbridge.dupper".
+    nodes : names of nodes; a node at a pin of the load has the pin's name.
     where : "file:line".
-    value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
-        a controlled source its gain, of a constant source V or A.
+    value : R (Ω), C (F), L (H) with temperature, scale and model applied; coupling of a K; gain of
+    a controlled source; value of a constant source (V or A).
     numbers : other parameters of the element, such as "m" and "ic".
     model, wave, expression : if it has one; its expression is in volts, amperes or seconds.
     controls : full names of the sources or coils that control it.
@@ -60,7 +60,7 @@ class Element(NamedTuple):
     voltage: bool = False
 
     def get(self, name: str, otherwise: float = 0.0) -> float:
-        """One of its name=value settings."""
+        """The value of a name=value setting."""
         return dict(self.numbers).get(name, otherwise)
 
     @property
@@ -70,22 +70,22 @@ class Element(NamedTuple):
 
     @property
     def written_letter(self) -> str:
-        """The letter in its file, if it is represented by another element here."""
+        """The letter in the file, if the element is represented by another kind here."""
         return self.name.rpartition(".")[2][0]
 
     @property
     def is_smooth_switch(self) -> bool:
-        """Whether it is a switch of LTspice or PSpice, a current by an expression here."""
+        """Whether it is a smooth switch of LTspice or PSpice, here a current expression."""
         return self.letter == "b" and self.written_letter in "sw"
 
     @property
     def delivers(self) -> bool:
-        """Whether it is an independent source other than 0."""
+        """Whether it is an independent source with a nonzero value."""
         return self.letter in "vi" and (self.wave is not None or self.value != 0.0)
 
     @property
     def first_value(self) -> Any:
-        """The value of an independent source at the beginning."""
+        """The initial value of an independent source."""
         return self.wave.start if self.wave else self.value
 
     @property
@@ -100,7 +100,7 @@ class Element(NamedTuple):
 
     @property
     def controlling(self) -> list[str]:
-        """Nodes whose voltages control it; ground may be among them."""
+        """Nodes whose voltages control it, possibly including ground."""
         return [*self.nodes[len(self.ends) :], *nodes_in(self.expression)]
 
     @property
@@ -110,12 +110,12 @@ class Element(NamedTuple):
 
     @property
     def many(self) -> float:
-        """Number of equal elements in parallel."""
+        """Number of identical elements in parallel (m)."""
         return self.get("m", 1.0)
 
     @property
     def size(self) -> float | None:
-        """Ω, F or H of all parallel elements; None if an expression gives it."""
+        """Total value of all parallel elements (Ω, F, H); None if it is an expression."""
         if self.value is None or not self.many:
             return None
         return self.value * self.many if self.letter == "c" else self.value / self.many

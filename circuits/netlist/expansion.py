@@ -16,9 +16,9 @@ from circuits.netlist.vetting import refuse
 if TYPE_CHECKING:
     from circuits.netlist.tree import Subcircuit
 
-# Most elements, and most calls of sub-circuits, of a load with all that its sub-circuits hold.
+# Most elements, and most sub-circuit calls, of an expanded load.
 MOST_ELEMENTS = 2000
-# Most characters of all cards together, and of one card, once expanded.
+# Most characters of all cards together, and of one card, after expansion.
 MOST_CHARACTERS = 1_000_000
 LONGEST_EXPANDED = 20_000
 # Deepest nesting of calls of sub-circuits, or of functions.
@@ -31,13 +31,13 @@ _PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
 
 
 class Length(NamedTuple):
-    """Characters that a text expands to: `own`, and `share` times its arguments' characters."""
+    """Length of an expanded text: `own` characters plus `share` times those of its arguments."""
 
     own: int = 0
     share: int = 0
 
     def plus(self, other: Length) -> Length:
-        """Length of both texts, one after the other."""
+        """Length of both texts together."""
         return Length(self.own + other.own, self.share + other.share)
 
     def given(self, argument: Length) -> Length:
@@ -46,7 +46,7 @@ class Length(NamedTuple):
 
 
 class Expansion:
-    """Counts the elements that a file's sub-circuits expand to; each is visited once.
+    """Counts the elements of a file's expanded sub-circuits, visiting each sub-circuit once.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Expansion:
     Raises
     ------
     NetlistError
-        Raised by every method: the part that is too large, with file and line.
+        Raised by every method if a part is too large, with file and line.
     """
 
     def __init__(self, root: Subcircuit) -> None:
@@ -65,17 +65,17 @@ class Expansion:
         self._characters: dict = {}
         self._definitions = 0
         self._add_definitions(root)
-        # ngspice expands functions even in sub-circuits that nothing calls.
+        # ngspice expands functions even in unused sub-circuits.
         self._check(root.card, self._own_characters(root))
 
     def content(
         self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()
     ) -> tuple[int, int, int]:
-        """Numbers of elements, calls and characters of a sub-circuit with all that it calls."""
+        """Numbers of elements, calls and characters of a sub-circuit, including those it calls."""
         if circuit in self._contents:
             return self._contents[circuit]
         if circuit in calling:
-            refuse(circuit.card, f".subckt {circuit.name} holds itself")
+            refuse(circuit.card, f".subckt {circuit.name} contains itself")
         if len(calling) > DEEPEST_CALL:
             refuse(circuit.card, f"calls nest deeper than {DEEPEST_CALL} sub-circuits")
         elements = calls = 0
@@ -86,19 +86,17 @@ class Expansion:
             elements, calls = elements + inside[0], calls + inside[1] + bool(target)
             characters += inside[2]
             if max(elements, calls) > MOST_ELEMENTS:
-                refuse(
-                    line.card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls"
-                )
+                refuse(line.card, f"more than {MOST_ELEMENTS} elements or calls after expansion")
             self._check(line.card, characters)
         self._contents[circuit] = elements, calls, characters
         return self._contents[circuit]
 
     def _check(self, card, characters):
         if characters > MOST_CHARACTERS:
-            refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist once expanded")
+            refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist after expansion")
 
     def _own_characters(self, circuit):
-        """The number of characters of a sub-circuit's own cards and of definitions within it."""
+        """Number of characters of a sub-circuit's cards and of the definitions within it."""
         if circuit in self._characters:
             return self._characters[circuit]
         cards = [(line.card, line.text) for line in circuit.elements]
@@ -132,7 +130,7 @@ class Expansion:
             self._add_definitions(inner)
 
     def _function(self, circuit, name, calling):
-        """Length of a function's text, found from a sub-circuit outwards; None: not the file's."""
+        """Length of a function's expanded text; None if the file does not define it."""
         owner = next((c for c in circuit.around() if name in c.functions), None)
         if owner is None:
             return None
@@ -151,7 +149,7 @@ class Expansion:
 
     def _length(self, text, circuit, arguments=(), calling=()):
         """Length of a text with every call in it expanded."""
-        # For each open parenthesis: its function, the text before it, and the text inside.
+        # For each open parenthesis: its function, the text before it, and the text inside it.
         opened, length = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):
@@ -172,7 +170,7 @@ class Expansion:
 
 
 def _check_parameters(circuit):
-    """Refuse a circle of .param; one that names itself means the one around it."""
+    """Raise for cyclic .param; a .param that names itself refers to the enclosing definition."""
     local_values = circuit.local
     graph = {
         name: {word for word in re.findall(r"[a-z_]\w*", value) if word in local_values}
@@ -186,4 +184,4 @@ def _check_parameters(circuit):
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         circle = " → ".join(error.args[1][:5])
-        refuse(circuit.place(error.args[1][0]), f".param {circle}: a value that needs itself")
+        refuse(circuit.place(error.args[1][0]), f".param {circle}: a cyclic definition")

@@ -1,4 +1,4 @@
-"""Expressions of netlists: read once into frozen trees, put into numbers, and written out again.
+"""Expressions of netlists: parsed into immutable trees, evaluated, and written out again.
 
 A tree is a tuple: ("number", x), ("time",), ("name", n), ("v", node, node), ("i", source),
 ("call", function, *trees), or (operation, *trees) with a name of `functions.OPERATIONS`.
@@ -21,14 +21,14 @@ from harvester.device.terminals import GROUND
 
 Tree = tuple[Any, ...]
 NAMES = {*CONSTANTS, "time", "hertz"}
-# Other names of functions.
+# Synonyms of functions.
 _SAME = {"log": "ln", "pow": "^", "ternary_fcn": "if", "round": "nint"}
-# Functions that only ngspice itself evaluates.
+# Functions that only ngspice can evaluate.
 CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
 ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
 
 
-# Functions composed of others, of LTspice, PSpice and ngspice's .param.
+# Functions of LTspice, PSpice and ngspice's .param that are composed of other functions.
 _MADE: dict[str, tuple[int, Callable]] = {
     "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
     "u2": (1, lambda x: ("min", ("max", x, ZERO), ONE)),
@@ -43,9 +43,9 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "pwrs": (2, lambda x, y: ("pwr", x, y)),
     "if": (3, lambda c, a, b: ("if", truth(c), a, b)),
 }
-# The names among them that ngspice lacks, or gives another meaning.
+# Those of them that ngspice lacks or defines differently.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
-# Functions of other SPICEs without an equivalent here, and their replacements.
+# Unsupported functions of other SPICEs, and how to replace them.
 ELSEWHERE = {
     "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
     "atan2": "atan(y/x), the quadrant by a condition",
@@ -74,22 +74,22 @@ BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
 
 
 class ExpressionError(HarvesterError):
-    """A fault in an expression, in a few words; the caller adds file and line."""
+    """An error in an expression; the caller adds file and line."""
 
 
 class NotConstant(ExpressionError):
-    """Raised where a constant is needed and an expression depends on the running circuit."""
+    """An expression depends on the circuit's solution where a constant is required."""
 
 
 def truth(condition: Tree) -> Tree:
-    """LTspice's if() holds above 0.5; of a comparison that is the same."""
+    """LTspice's if() is true above 0.5; for a comparison this makes no difference."""
     return condition if condition[0] in BOOLEAN else ("<", HALF, condition)
 
 
 class Parser:
-    """One expression by precedence; conditions, operands and powers one method each.
+    """Precedence-climbing parser of an expression, with one method per kind of term.
 
-    Dialects differ in its tables and last methods: `circuits.netlist.dialects`.
+    Dialects override its tables and last methods: `circuits.netlist.dialects`.
     """
 
     tightness: Mapping[str, int] = TIGHTNESS
@@ -106,7 +106,7 @@ class Parser:
                 raise ExpressionError(f"{piece!r} is no operator here: write {write}")
 
     def peek(self) -> str:
-        """The text of the next piece."""
+        """The text of the next token."""
         return self.tokens[self.place][1]
 
     def take(self) -> tuple[str, str]:
@@ -115,17 +115,17 @@ class Parser:
         return self.tokens[self.place - 1]
 
     def whole(self) -> Tree:
-        """The tree of the text, all of which must belong to it."""
+        """Parse the whole text."""
         tree = self.choice()
         if self.peek():
             raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
         return tree
 
     def choice(self) -> Tree:
-        """A condition with its two values, or a value."""
+        """Parse a conditional (a ? b : c) or a value."""
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ExpressionError(f"it nests deeper than {DEEPEST} parentheses or conditions")
+            raise ExpressionError(f"more than {DEEPEST} nested parentheses or conditions")
         tree = self.binary(0)
         if self.peek() == "?":
             self.take()
@@ -137,7 +137,7 @@ class Parser:
         return tree
 
     def binary(self, loosest: int) -> Tree:
-        """Operands joined by operators that bind at least so tightly."""
+        """Parse operands joined by operators of at least the precedence `loosest`."""
         tree, before = self.signed(), None
         while (level := self.tightness.get(self.peek(), -1)) >= loosest:
             sign = self.take()[1]
@@ -146,13 +146,11 @@ class Parser:
         return tree
 
     def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
-        """Refuse a == b < c without parentheses: sources and parameters read it in different
-        orders.
-        """
+        """Raise for a == b < c without parentheses: sources and parameters differ in its order."""
         if level == loosest == TIGHTNESS["<"]:
             raise ExpressionError(
-                f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
-                "the left one: write parentheses"
+                f"== or != before {sign}: a source evaluates {sign} first, a parameter "
+                "the left operator: write parentheses"
             )
 
     def signed(self) -> Tree:
@@ -169,7 +167,7 @@ class Parser:
         return tree
 
     def power(self) -> Tree:
-        """A base and its exponents, from left to right."""
+        """Parse a base and its exponents, from left to right."""
         tree = self.atom()
         while self.peek() in self.powers:
             self.take()
@@ -181,7 +179,7 @@ class Parser:
         return tree
 
     def atom(self) -> Tree:
-        """A number, a name, a call, a voltage or current, or an expression in parentheses."""
+        """Parse a number, a name, a call, a voltage or current, or an expression in parentheses."""
         kind, text = self.take()
         if kind == "number":
             return ("number", _number(text))
@@ -199,7 +197,7 @@ class Parser:
         return self.call(text)
 
     def call(self, name: str) -> Tree:
-        """A function's call, from its opening parenthesis on."""
+        """Parse a function call from its opening parenthesis on."""
         self.take()
         if self.peek() == ")":
             self.take()
@@ -212,13 +210,13 @@ class Parser:
         return self.called(name, arguments)
 
     def close(self) -> None:
-        """Take a closing parenthesis."""
+        """Consume a closing parenthesis."""
         if self.peek() != ")":
             raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
         self.take()
 
     def truth(self, condition: Tree) -> Tree:
-        """Build the tree of a condition, which holds above 0."""
+        """Build the tree of a condition, which is true above 0."""
         return condition
 
     def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
@@ -239,7 +237,7 @@ class Parser:
 
 
 def _tokens(text):
-    """(kind, text) of each piece, and an end; parentheses and conditions counted."""
+    """(kind, text) of each token, and an end token; checks parentheses and conditions."""
     lowered = text.strip().lower()
     tokens, position = [], 0
     while position < len(lowered):
@@ -254,9 +252,9 @@ def _tokens(text):
         depth += (piece == "(") - (piece == ")")
         questions += (piece == "?") - (piece == ":")
         if depth < 0:
-            raise ExpressionError("a closing parenthesis too many")
+            raise ExpressionError("one closing parenthesis too many")
         if questions < 0:
-            raise ExpressionError("a ':' without its '?'")
+            raise ExpressionError("a ':' without a '?'")
         if depth > DEEPEST:
             raise ExpressionError(f"parentheses nest deeper than {DEEPEST}")
     if depth:
@@ -269,27 +267,27 @@ def _tokens(text):
 def _number(text):
     value = number(text)
     if AMPERE.fullmatch(text):
-        raise ExpressionError(f"{text}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+        raise ExpressionError(f"{text}: ngspice 46 reads A as 1e-18, 39 as 1: omit the A")
     if THOUSANDTH_OF_AN_INCH.fullmatch(text):
-        raise ExpressionError(f"{text}: a thousandth in ngspice's .param: write it times 25.4u")
+        raise ExpressionError(f"{text}: 1e-3 in ngspice's .param: multiply by 25.4u instead")
     if value is None:
-        raise ExpressionError(f"{text[:60]} is no finite number")
+        raise ExpressionError(f"{text[:60]} is not a finite number")
     return value
 
 
 def _solution(text):
-    """The tree of v(a), v(a,b) or i(source); a node may have any name."""
+    """Parse v(a), v(a,b) or i(source); a node may have any name."""
     names = [name.strip() for name in text[2:-1].split(",")]
     most = 2 if text[0] == "v" else 1
     if len(names) > most:
         raise ExpressionError(f"{text[0]} takes {most} arguments, not {len(names)}")
     if not all(re.fullmatch(r"[\w.+\-#/\[\]]+", name) for name in names):
-        raise ExpressionError(f"{text[:60]}: name a node, or of i() a source")
+        raise ExpressionError(f"{text[:60]}: needs a node; i() needs a source")
     return ("v", names[0], names[1] if names[1:] else GROUND) if most == 2 else ("i", names[0])
 
 
 def solutions(text: str) -> list[tuple[str, list[str]]]:
-    """("v" or "i", names) of each voltage and current in a text, as it spells the names."""
+    """("v" or "i", names) of each voltage and current in a text, with names as written."""
     return [
         (kind.lower(), [name.strip() for name in inside.split(",")])
         for kind, inside in _SOLUTION.findall(text)
@@ -297,13 +295,13 @@ def solutions(text: str) -> list[tuple[str, list[str]]]:
 
 
 def respelt(text: str, spell: Callable[[str, list[str]], str]) -> str:
-    """Replace each voltage and current of a text by `spell(kind, names)`, unless that is empty."""
+    """Replace each voltage and current in a text by `spell(kind, names)` if that is not empty."""
     return _SOLUTION.sub(lambda found: spell(*solutions(found[0])[0]) or found[0], text)
 
 
 @functools.lru_cache(maxsize=4096)
 def parse(text: str) -> Tree:
-    """The tree of an expression, its names and functions not yet looked up.
+    """Parse an expression; names and functions are not resolved yet.
 
     Raises
     ------
@@ -322,7 +320,7 @@ def parts_of(tree: Tree) -> Tree:
 def rebuilt(tree: Tree, made: Callable) -> Any:
     """Value of a tree, built from its leaves: `made(tree, values of its parts)` for each node.
 
-    Without recursion: a sum of a thousand terms is a thousand deep.
+    Not recursive, since a sum of a thousand terms is a thousand levels deep.
     """
     done: list[Any] = []
     waiting = [(tree, False)]
@@ -348,7 +346,7 @@ def replaced(tree: Tree, change: Callable[[Tree], Tree]) -> Tree:
 
 
 def leaves(tree: Tree | None) -> Iterator[Tree]:
-    """A tree and all trees within it; none of None."""
+    """A tree and all its subtrees; nothing for None."""
     waiting = [tree] if tree else []
     while waiting:
         node = waiting.pop()
@@ -357,7 +355,7 @@ def leaves(tree: Tree | None) -> Iterator[Tree]:
 
 
 def nodes_in(tree: Tree | None) -> list[str]:
-    """Nodes whose voltages an expression depends on, ground among them."""
+    """Nodes whose voltages an expression depends on, including ground."""
     return [node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]]
 
 
@@ -367,14 +365,14 @@ def currents_in(tree: Tree | None) -> list[str]:
 
 
 def unknowns_in(tree: Tree | None) -> list[str]:
-    """Nodes but ground, and currents as "i(name)", that an expression depends on, each once."""
+    """Unique nodes (without ground) and currents "i(name)" that an expression depends on."""
     asked = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
     names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in asked for node in leaf[1:]]
     return [name for name in dict.fromkeys(names) if name != GROUND]
 
 
 def is_constant(tree: Tree) -> bool:
-    """Whether a resolved tree is one number."""
+    """Whether a resolved tree is a number."""
     return tree[0] == "number"
 
 
@@ -386,7 +384,7 @@ def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
     text : str
     parameters : collection of str
     functions : mapping of str to sequence
-        The file's own; the second of each is its arguments.
+        Functions of the file: (card, arguments, …).
 
     Raises
     ------
@@ -424,7 +422,7 @@ def _arguments_of(name, functions):
 
 
 _HIDDEN = {"negative", "and", "or", "not"}
-# All functions that an expression may call, apart from the file's own.
+# All functions that an expression may call, apart from those of the file.
 FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
 FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
@@ -434,7 +432,7 @@ def _unknown(name):
 
 
 class Names(NamedTuple):
-    """Look-up of an expression's names and functions.
+    """Lookup of an expression's names and functions.
 
     Attributes
     ----------
@@ -450,7 +448,7 @@ class Names(NamedTuple):
 
 
 def resolved(tree: Tree, names: Names) -> Tree:
-    """The tree with its names and functions looked up, constants put into numbers.
+    """Resolve names and functions of a tree, and evaluate constant parts.
 
     Raises
     ------
@@ -477,7 +475,7 @@ def _called(name, arguments, names):
             raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
         bindings = dict(zip(formal, arguments, strict=True))
 
-        # ngspice replaces a call by the function's text: other names are the caller's.
+        # ngspice replaces a call by the function's text: free names refer to the caller's scope.
         def within(name):
             return bindings[name] if name in bindings else names.name(name)
 
@@ -496,7 +494,7 @@ def _called(name, arguments, names):
 
 
 def _of_parameters(name, arguments):
-    """pow() of ngspice's parameters is C's, pwr() the power of the size."""
+    """In ngspice's parameters pow() is C's, and pwr() is the power of the absolute value."""
     x, y = (number[1] for number in arguments)
     try:
         return ("number", math.pow(x if name == "pow" else abs(x), y))
@@ -513,7 +511,7 @@ def _folded(kind, parts, names):
         return (kind, *parts)
     numbers = [part[1] for part in parts]
     if kind in ("%", "/") and names.parameters_only and numbers[1] == 0.0:
-        raise ExpressionError(f"{kind} has no value: it divides by 0")
+        raise ExpressionError(f"{kind} is undefined: division by 0")
     if kind == "%":
         value = math.fmod(*numbers) if numbers[1] else math.nan
     elif kind == "exp" and names.parameters_only:
@@ -525,9 +523,9 @@ def _folded(kind, parts, names):
     return ("number", value)
 
 
-# LTspice's names of functions that only ngspice evaluates.
+# LTspice's names of functions in CIRCUIT_ONLY.
 _LTSPICES = {"pwl": "table"}
-# Longest expression written for LTspice, in characters: its form of a == b repeats both sides.
+# Longest expression written for LTspice, in characters: a == b is written with both sides twice.
 LONGEST_WRITTEN = 100_000
 _LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
 
@@ -535,7 +533,7 @@ _LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
 def written(
     tree: Tree, node: Callable = str, source: Callable = str, dialect: str = "ngspice"
 ) -> str:
-    """A tree as a SPICE reads it back, whatever its release: every order in parentheses.
+    """Write a tree so that any SPICE release reads it back: with explicit parentheses.
 
     Parameters
     ----------
@@ -564,7 +562,7 @@ def written(
         texts = [text for text, _ in parts]
         form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
         if sum(map(len, texts)) > LONGEST_WRITTEN:
-            raise ExpressionError("it grows too long for LTspice: divide it")
+            raise ExpressionError("it becomes too long for LTspice: split it")
         if form[0].isalpha():
             return form.format(*texts), 9
         texts = [
@@ -587,7 +585,7 @@ def _voltage(a, z, node):
 
 
 def varies(tree: Tree) -> bool:
-    """Whether an unresolved expression depends on a voltage, a current or the time."""
+    """Whether an unresolved expression depends on a voltage, a current or time."""
     return any(
         leaf[0] in (*SOLUTION, "time") or (leaf[0] == "name" and leaf[1] in VARYING)
         for leaf in leaves(tree)
@@ -595,7 +593,7 @@ def varies(tree: Tree) -> bool:
 
 
 def renamed(tree: Tree, nodes: Mapping[str, str]) -> Tree:
-    """A resolved tree with some of its nodes under other names."""
+    """A resolved tree with some nodes renamed."""
 
     def other(leaf: Tree) -> Tree:
         return ("v", *(nodes.get(n, n) for n in leaf[1:])) if leaf[0] == "v" else leaf

@@ -1,4 +1,4 @@
-"""An expression as a list of operations in compiled code: its values, and its slopes backwards."""
+"""An expression as a list of operations in compiled code: values, and slopes in reverse mode."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harvester.device.terminals import GROUND
 for function in functions.COMPILED:
     merged(function)
 
-# Entries of the graph that are no operation: an unknown, a constant, the time. Codes of operations
+# Codes of entries other than operations: an unknown, a constant, the time. Codes of operations
 # follow.
 UNKNOWN, CONSTANT, TIME = range(3)
 FIRST = 3
@@ -24,7 +24,7 @@ CHOICE = FIRST + CODES["if"]
 
 
 class ExpressionGraph:
-    """Operations in order, each of earlier ones; rows (code, a, b, c) and their constants."""
+    """Operations in order of evaluation, as rows (code, a, b, c), and constants."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[int, int, int, int]] = []
@@ -38,7 +38,7 @@ class ExpressionGraph:
         Raises
         ------
         ExpressionError
-            A function that only ngspice has.
+            The tree contains a function that only ngspice has.
         """
 
         def made(here: Tree, parts: list[int]) -> int:
@@ -73,7 +73,7 @@ class ExpressionGraph:
 
 
 class Values:
-    """Expressions of some unknowns at many points.
+    """Evaluates expressions of some unknowns at many points.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Values:
         self._constants = np.array(graph.values, dtype=float)
 
     def __call__(self, time: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
-        """Their values; shape (trees, points), of unknowns (watched, points)."""
+        """Evaluate; shape (trees, points), from unknowns of shape (watched, points)."""
         results = np.empty((self._ends.size, time.size))
         points = np.ascontiguousarray(np.asarray(unknowns, dtype=float).T)
         _at_points(self._rows, self._constants.copy(), self._ends, time, points, results)
@@ -132,7 +132,7 @@ def evaluate(rows: np.ndarray, values: np.ndarray, y: np.ndarray, time: float) -
 
 @compiled
 def slopes(rows: np.ndarray, values: np.ndarray, share: np.ndarray, first: int, last: int) -> None:
-    """Fill `share` from `first` to `last`: the slope of the last value in each, backwards."""
+    """Fill `share` from `first` to `last` with the derivatives of the last value (reverse mode)."""
     share[first : last + 1] = 0.0
     share[last] = 1.0
     for k in range(last, first - 1, -1):

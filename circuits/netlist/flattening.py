@@ -1,4 +1,4 @@
-"""A vetted file to the frozen tree of one load: its calls expanded, every value a number."""
+"""Converts a vetted file to the elements of a load: calls expanded, values evaluated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from circuits.netlist.waveform import waveform
 
 
 def outermost(root: Subcircuit, name: str, given: dict[str, float]) -> Scope:
-    """The scope of a load's own sub-circuit, its pins by their own names."""
+    """The scope of a load's top sub-circuit, whose pins keep their names."""
     top = root.inner[name]
     file = Scope(root)
     return Scope(top, given, {pin: pin for pin in top.pins}, "", file, file)
@@ -28,7 +28,7 @@ def elements(scope: Scope) -> Iterator[Element]:
     Raises
     ------
     NetlistError
-        A value has none, or is none that its element can have.
+        A value cannot be evaluated, or is not allowed for its element.
     """
     for line in scope.circuit.elements:
         if line.calls:
@@ -42,7 +42,7 @@ def elements(scope: Scope) -> Iterator[Element]:
 
 
 def calls(scope: Scope) -> Iterator[Scope]:
-    """A sub-circuit and all that it calls, in order."""
+    """A sub-circuit and all sub-circuits that it calls, in order."""
     yield scope
     for line in scope.circuit.elements:
         if line.calls:
@@ -58,7 +58,7 @@ def _inside(scope, line):
 
 
 class _ScopedLine:
-    """One element's line, read by the names of its scope."""
+    """One element's line, evaluated in its scope."""
 
     def __init__(self, scope: Scope, line: Line) -> None:
         self.scope, self.line = scope, line
@@ -75,7 +75,7 @@ class _ScopedLine:
         return {key: self.scope.value(text) for key, text in self.line.named.items()}
 
     def model(self) -> Model | None:
-        """The element's model with numbers, by the path of its definition; None without a model."""
+        """The element's model with numbers, named by its definition's path, or None."""
         if not self.line.models:
             return None
         name = self.line.models[0]
@@ -109,12 +109,12 @@ def _passive(part):
     kept_numbers = tuple((key, numbers[key]) for key in ("m", "ic") if key in numbers)
     many = numbers.get("m", 1.0)
     if part.letter == "l" and (size <= 0.0 or many <= 0.0):
-        part.refuse(f"an inductance of {size:g}, {many:g} times: give it a value above 0")
+        part.refuse(f"inductance {size:g}, m={many:g}: must be above 0")
     return part.made(value=size, numbers=kept_numbers)
 
 
 def _varying(part, text, numbers):
-    """A resistor by an expression is a current; C and L only ngspice has."""
+    """A resistor given by an expression becomes a current; C and L need ngspice."""
     tree, letter = part.scope.tree(text), part.letter
     for key in numbers:
         if key != "m" and not (key == "ic" and letter != "r"):
@@ -129,7 +129,7 @@ def _coupling(part):
 
 
 def _with_model(part):
-    """D, Q, J and M: further nodes, the model, values without a name, flags."""
+    """D, Q, J and M: more nodes, the model, values without a name, flags."""
     values, numbers = part.line.values, part.numbers()
     if len(values) > 1 or (values and "area" in numbers):
         part.refuse(f"two values after the model, {' '.join(values)[:40]}: write area=")
@@ -153,14 +153,14 @@ def _switch(part):
 
 
 def _source(part):
-    """A constant, or a waveform; small-signal parameters (ac) do not count."""
+    """A constant, or a waveform; small-signal parameters (ac) are ignored."""
     values, waves, numbers = part.line.values, part.line.waves, part.numbers()
     if len(waves) > 1:
         part.refuse(f"two waveforms, {waves[0][0]} and {waves[1][0]}: keep one")
     if len(values) > 1:
         part.refuse("two constant values: keep one")
     if "r" in numbers:
-        part.refuse("r=: ngspice 39 and 46 repeat a pwl differently: write its points out")
+        part.refuse("r=: ngspice 39 and 46 repeat a pwl differently: write all its points")
     value = part.scope.value(values[0]) if values else 0.0
     if not waves:
         return part.made(value=value)

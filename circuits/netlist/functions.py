@@ -1,7 +1,7 @@
-"""Functions and operators of SPICE expressions: one table gives value, slope and spelling.
+"""Functions and operators of SPICE expressions: a table of values, slopes and spellings.
 
-Their meaning is ngspice 46's in a behavioural source. `circuits.netlist.expression_graph` compiles
-values and slopes; Python calls the same functions for constants.
+Definitions are those of ngspice 46 in a behavioural source. `circuits.netlist.expression_graph`
+compiles values and slopes; Python uses the same functions for constants.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# ngspice's exp() of a source is LARGEST_EXPONENTIAL beyond this exponent.
+# In ngspice's sources exp() is LARGEST_EXPONENTIAL above this exponent.
 LARGEST_EXPONENT, LARGEST_EXPONENTIAL = 227.9559242, 1e99
 # ngspice adds this to a divisor, so that x/0 is 1e32 x and 0/0 is 0.
 LEAST_DIVISOR = 1e-32
-# The argument of a root may be so far below 0, since Newton's iterations approach 0 from both
-# sides.
+# Tolerance below 0 of a root's argument, since Newton's iterations approach 0 from both sides.
 ROUNDING = 1e-12
 
 
@@ -26,9 +25,9 @@ class Operation(NamedTuple):
 
     Attributes
     ----------
-    ngspice, ltspice : its form in each program.
-    value : Python expression of its arguments a and b; nan outside its range.
-    slopes : its slopes in a and b, which may use its value `result`; a jump counts as slope 0.
+    ngspice, ltspice : notation in each program.
+    value : Python expression of the arguments a and b; nan outside the domain.
+    slopes : derivatives by a and b, which may use the value `result`; 0 at a jump.
     """
 
     ngspice: str
@@ -49,12 +48,12 @@ def _operation(
 
 
 def _condition(form: str, holds: str, ltspice: str = "") -> Operation:
-    """1 where a condition of a and b holds, else 0; NaN is neither true nor false."""
+    """1 if a condition of a and b is true, else 0; NaN gives NaN."""
     value = f"np.nan if np.isnan(a) or np.isnan(b) else 1.0 if {holds} else 0.0"
     return _operation(form, value, ltspice=ltspice)
 
 
-# Functions of one argument that all programs spell alike: value and slope.
+# Functions of one argument with the same name in all programs: value and slope.
 _OF_ONE = {
     "abs": ("abs(a)", "np.sign(a)"),
     "exp": (f"np.exp(a) if a <= {LARGEST_EXPONENT} else {LARGEST_EXPONENTIAL}", "result"),
@@ -91,7 +90,7 @@ OPERATIONS: dict[str, Operation] = {
                       "0.0 if a >= b else 1.0"),
     "min": _operation("min({0},{1})", "min(a, b)", "1.0 if a <= b else 0.0",
                       "0.0 if a <= b else 1.0"),
-    # Its value depends on a third argument: see `folded` and `expression_graph.evaluate`.
+    # Has a third argument: see `folded` and `expression_graph.evaluate`.
     "if": _operation("ternary_fcn({0},{1},{2})", "b", ltspice="if({0},{1},{2})"),
     "<": _condition("{0}<{1}", "a < b"), "<=": _condition("{0}<={1}", "a <= b"),
     "==": _condition("{0}=={1}", "a == b", "((({0})>=({1}))*(({0})<=({1})))"),
@@ -102,13 +101,13 @@ OPERATIONS: dict[str, Operation] = {
     "nint": _operation("nint({0})", "np.rint(a)", ltspice="round({0})"),
     **{name: _operation(f"{name}({{0}})", *rules) for name, rules in _OF_ONE.items()},
 }  # fmt: skip
-# Operations that are not defined everywhere.
+# Operations with a limited domain.
 LIMITED = {"ln", "sqrt", "asin", "acos", "acosh", "atanh", "^", "pwr"}
 CODES = {name: code for code, name in enumerate(OPERATIONS)}
 
 
 def folded(name: str, arguments: list[float]) -> float:
-    """The value of an operation on constants; nan where it has none."""
+    """The value of an operation on constants; nan if it is undefined."""
     with np.errstate(all="ignore"):
         a, b, c = (np.float64(argument) for argument in (*arguments, 0.0, 0.0)[:3])
         if name == "if":
@@ -138,12 +137,12 @@ slope = _function("slope", "a, b, result", [", ".join(o.slopes) for o in _OPERAT
 
 # Functions of this module that compiled code calls.
 COMPILED = (divisor, value, slope)
-# Names of constants. Quantities that change with time are not among them.
+# Names of constants, without quantities that change with time.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,
     "planck": 6.62607004e-34, "c": 2.99792458e8, "kelvin": -273.15, "temper": 27.0,
 }  # fmt: skip
-# Names of quantities that change during a run. A parameter cannot take these names.
+# Names of quantities that change during a run; parameters cannot have these names.
 VARYING = {"time", "temper", "hertz"}
 # Functions of the circuit's solution.
 SOLUTION = {"v", "i"}

@@ -1,4 +1,4 @@
-"""A top-level netlist, as LTspice writes one of a schematic, made into a load's sub-circuit."""
+"""Converts a top-level netlist, as LTspice writes it for a schematic, to a load's sub-circuit."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ from harvester.base.errors import NetlistError
 from harvester.base.plain_text import nearest
 
 PINS = (*PIEZO_PINS, *OUTPUT_PINS)
-# Statements that are kept, outside of the sub-circuit. The load's reader refuses an .if block and a
-# stray .ends with their lines. Other statements control a simulator's run.
+# Statements that are kept, outside the sub-circuit. The load's reader rejects .if blocks and a
+# stray .ends with their lines. Other statements control a simulator and are dropped.
 KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else", ".elseif", ".endif")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
-# LTspice's parasitic parts within a part. They become separate elements.
+# Parasitic elements within an LTspice part; they become separate elements.
 _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 
 
 class Imported(NamedTuple):
-    """A load's statements, each with its line in the schematic's netlist, and notes on the
-    rewritten ones, one line each."""
+    """A load's statements, each with its line in the schematic's netlist, and one-line notes on
+    rewritten ones.
+    """
 
     cards: tuple[Card, ...]
     rewritten: tuple[str, ...]
@@ -46,7 +47,7 @@ class Imported(NamedTuple):
 
 
 def candidates(text: str) -> list[str]:
-    """Nodes of a netlist, those first that a source with a waveform drives: the harvester's."""
+    """Nodes of a netlist; first those driven by a source with a waveform: the harvester's."""
     parts = _topology(text).parts
     driven = [node for part in parts if _is_wave(part) for node in part.ends]
     return list(dict.fromkeys([*driven, *(node for part in parts for node in part.nodes)]))
@@ -100,7 +101,7 @@ def imported(
     outside: list[Card] = []
     inside: list[Card] = []
     dialects: list[Card] = []
-    # Nodes that all sub-circuits share: the load's reader refuses them.
+    # The load's reader rejects .global nodes, which all sub-circuits share.
     kept = (*KEPT, ".global") if any(part.calls for part in topology.parts) else KEPT
     depth = 0
     for card in statements(_body(text), file):
@@ -132,22 +133,24 @@ def imported(
     ]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
-            notes.append(f"{part.name}: is kept as a source of the load: --remove it if it drives")
+            notes.append(
+                f"{part.name}: stays a source of the load: --remove it if it is the harvester"
+            )
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
-        # A node cannot have two names: a source of 0 V joins the two pins.
+        # A node cannot have two names: a 0 V source connects the two pins.
         inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
-        notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
+        notes.append(f"Vcommon: connects ref to {pins[nodes[3]]}, since node {nodes[3]} was both")
     head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
     if not dialects:
         dialects.append(Card("* dialect: ltspice", file))
-        notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
+        notes.append("* dialect: ltspice: switches and expressions have LTspice's meaning")
     title = Card(f"* {name}, from a schematic's netlist", file)
     body = [Card(head, file), *inside, Card(f".ends {name}", file)]
     return Imported((title, *dialects, *outside, *body), tuple(notes))
 
 
 def _body(text):
-    """The netlist without its title line if that is no comment; § in names becomes _."""
+    """The netlist, without a title line that is not a comment; § in names becomes _."""
     title, _, lines = re.sub(r"\r\n?", "\n", text).partition("\n")
     return f"{title if title.startswith('*') else ''}\n{lines}".replace("§", "_")
 
@@ -169,17 +172,17 @@ def _key(node):
 
 
 def _pins(nodes, known):
-    """The new names of all nodes, by their keys."""
+    """The new names of all nodes, by `_key`."""
     spelt = {_key(node): node for node in known}
     for node in nodes:
         if _key(node) not in spelt:
             raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
     nodes = [*map(_key, nodes)]
     if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:
-        raise NetlistError("give the harvester's two nodes, or these and the output's two")
+        raise NetlistError("give the harvester's two nodes, and optionally the output's two")
     pins = dict(zip(nodes[:2], PIEZO_PINS, strict=True))
     pins |= {n: pin for n, pin in zip(nodes[2:], OUTPUT_PINS, strict=False) if n not in pins}
-    # In a load, node 0 is the harvester's terminal n: the schematic's ground gets another name.
+    # In a load node 0 is the harvester's terminal n, so the schematic's ground is renamed.
     renamed = {GROUND: "ground"} | {key: f"{key}_" for key in spelt if key in PINS}
     for key, name in renamed.items():
         while name in spelt:
@@ -200,19 +203,19 @@ def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
 
 
 def _check_ground(topology, pins):
-    """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
+    """Raise if sub-circuits use node 0, unless it is the harvester's n as in a load."""
     for name, part in _within(topology) if pins[GROUND] != "n" else ():
         alone = any(kind == "v" and len(ends) == 1 for kind, ends in solutions(part.value))
         if GROUND in map(_key, (*part.nodes, *part.control)) or alone:
             raise NetlistError(
                 f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
-                "second node, and you gave another one: give the sub-circuit a pin for node 0, "
+                "second node, but you chose another one: add a pin for node 0 to the sub-circuit, "
                 "and write V(x) as V(x,PIN)"
             )
 
 
 def _currents(topology, gone):
-    """What replaces i(NAME): a resistor's (ends, resistance), or the reason why nothing can."""
+    """Replacement of i(NAME): a resistor's (ends, resistance), or the reason why there is none."""
     expressions: dict[str, tuple[tuple[str, ...], str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()
@@ -222,7 +225,7 @@ def _currents(topology, gone):
             expressions[name] = (part.ends, part.value.strip("{}"))
         elif part.letter not in "vehl":
             expressions[name] = (
-                f"I({part.name}): put a source of 0 V, V_{part.name}, in series with {part.name} "
+                f"I({part.name}): put a 0 V source, V_{part.name}, in series with {part.name} "
                 f"and write I(V_{part.name})"
             )
     return expressions
@@ -234,13 +237,13 @@ def _check_functions(topology, functions):
         for function in functions:
             if re.search(rf"(?i)\b{re.escape(function)}\s*\(", part.value):
                 raise NetlistError(
-                    f".func {function}: it asks for nodes of the schematic, and .subckt {name} "
-                    "calls it too: give it these voltages as arguments"
+                    f".func {function}: it uses nodes of the schematic, and .subckt {name} "
+                    "calls it too: pass these voltages as arguments"
                 )
 
 
 def _rewritten(text, pins, currents):
-    """Text in which the voltages and currents have the load's names."""
+    """Replace voltages and currents in a text by the load's names."""
 
     def spell(kind, names):
         if kind == "v":
@@ -259,8 +262,8 @@ def _rewritten(text, pins, currents):
 def _element(
     card: Card, pins: dict[str, str], currents: dict[str, Any], said: list[str]
 ) -> Iterator[str]:
-    """An element with its nodes renamed, and the parts that stood within it."""
-    # LTspice writes 0 where there is no such part.
+    """An element with renamed nodes, and its parasitic parts as separate elements."""
+    # LTspice writes 0 for a missing part.
     text = paired(card.text)
     within = [(key.lower(), value) for key, value in _WITHIN.findall(text) if number(value) != 0.0]
     card = card._replace(text=_WITHIN.sub("", text))
@@ -271,21 +274,21 @@ def _element(
         count = 4
     nodes = [_renamed(node, pins) for node in words[1 : 1 + count]]
     remainder = " ".join(words[1 + count :])
-    # Parentheses of V and I sources contain a waveform; in other elements V(…) and I(…) are
-    # measured.
+    # In V and I sources parentheses contain a waveform; in other elements V(…) and I(…) are
+    # quantities.
     if letter not in "vi":
         asked = [names[0] for kind, names in solutions(remainder) if kind == "i"]
         remainder = _rewritten(remainder, pins, currents)
         said += [
-            f"{name}: I({current}) is its voltage over its resistance"
+            f"{name}: I({current}) is replaced by voltage/resistance"
             for current in dict.fromkeys(asked)
             if isinstance(currents.get(current.lower()), tuple)
         ]
     for key, value in within:
         parasitic = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):
-            raise NetlistError(f"{name}: {key}= of such a part: write it as a separate element")
-        said.append(f"{name}: {key}={value} is the element {parasitic}")
+            raise NetlistError(f"{name}: {key}= is unsupported here: write a separate element")
+        said.append(f"{name}: {key}={value} becomes the element {parasitic}")
         if key.endswith("ser"):
             yield f"{parasitic} {nodes[1]}_{name} {nodes[1]} {value}"
             nodes[1] = f"{nodes[1]}_{name}"
@@ -295,7 +298,7 @@ def _element(
 
 
 def _voltage(ends, pins):
-    """A voltage in an expression; of one node it is against node 0."""
+    """A voltage in an expression; for one node it is against node 0."""
     nodes = [_renamed(node, pins) for node in ends]
     if len(nodes) == 1 and pins[GROUND] != "n":
         nodes.append(pins[GROUND])

@@ -1,10 +1,10 @@
-"""Kinds of the values that a load's measures ask for."""
+"""Kinds of the values that are recorded for a load."""
 
-# Kinds of measures: a power delivered to the load's purpose, a power lost, a stored energy, 1 while
-# a condition holds, and the power taken while it holds.
+# Kinds of measures: useful power, lost power, stored energy, 1 while a condition is true, and the
+# power taken while it is true.
 OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
-# The power that sources of the load take, and the power that a battery stores. No measure of a
-# file has these kinds.
+# Power absorbed by the load's sources, and power stored in a battery. A file's measures cannot have
+# these kinds.
 SUPPLY, BATTERY = "supply", "battery"
-# The voltage (V) or current (A) of a store that is followed. No measure of a file has this kind.
+# Recorded voltage (V) or current (A) of an energy store. A file's measures cannot have this kind.
 LEVEL = "level"

@@ -1,4 +1,4 @@
-"""A load that was read: its elements and properties that follow from them."""
+"""A load: its elements and derived properties."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 
 @dataclass(frozen=True)
 class LoadCircuit:
-    """A load that was read and checked, ready to be connected to the transducer.
+    """A checked load that can be connected to the transducer.
 
     Attributes
     ----------
@@ -31,31 +31,32 @@ class LoadCircuit:
         Text of its file for exported decks: includes inserted, parameters by name; ends with a
         newline.
     elements : tuple of circuits.netlist.elements.Element
-        All that it holds, as both engines run it.
+        All elements, as simulated by both engines.
     name : str
         Name of its sub-circuit.
     pins : tuple of str
         Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
-        Values other than the netlist's own, given where it is called.
+        Parameter values given by the scene instead of the netlist's defaults.
     defaults : tuple of (str, float)
-        The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
+        Defaults of the sub-circuit's parameters that are plain numbers.
     across_output : tuple of circuits.netlist.elements.Element
         Resistors and capacitors across the output.
     linear, switches : bool
-        Whether it has resistors and capacitors only; whether it has more than these and diodes.
+        Whether it consists of resistors and capacitors; whether it has elements other than these
+        and diodes.
     resistance : float or None
         Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.netlist.measures.Measure
-        Measures that its file asks for (`* measure:`).
+        Measures defined in its file (`* measure:`).
     probes : tuple of str
-        Nodes, and currents "i(name)", that a waveform is to hold.
+        Nodes and currents "i(name)" to be recorded in a waveform.
     file : str
         Name of the file of its sub-circuit.
     ambiguity : str
-        A note on expressions that another SPICE reads otherwise; empty if there are none.
+        A note on expressions with another meaning in another SPICE; empty if there are none.
     source : (Path, tuple of circuits.netlist.reader.Card)
-        Its file and the cards that were read there, includes in: an argument of `read_load`.
+        Its file and cards, including those of includes: an argument of `read_load`.
     """
 
     text: str
@@ -76,41 +77,39 @@ class LoadCircuit:
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether ngspice can take the file's own text, as it reads every name as this program
-        does.
-        """
+        """Whether ngspice reads every name in the file's text as this program does."""
         return reads_alike(self.text, self.elements)
 
     @cached_property
     def run_text(self) -> str:
-        """The sub-circuit as ngspice runs it, with every number written out."""
+        """The sub-circuit for ngspice, with all values as numbers."""
         return run_text(self.name, self.pins, self.elements)
 
     @cached_property
     def self_oscillation(self) -> SelfOscillation:
-        """Behaviour with the device at rest, see `circuits.netlist.self_oscillation`."""
+        """Behaviour with the device at rest; see `circuits.netlist.self_oscillation`."""
         return self_oscillation(self.elements)
 
     @cached_property
     def cancelled(self) -> str:
-        """The first source whose comparison rounding decides, or ""."""
+        """The first source with a comparison that depends on rounding, or ""."""
         return cancelled(self.elements)
 
     @cached_property
     def sources(self) -> tuple[str, ...]:
-        """Independent sources in it that are not 0: each may deliver energy."""
+        """Nonzero independent sources, which may deliver energy."""
         names = (element.name.rpartition(".")[2] for element in self.elements if element.delivers)
         return tuple(dict.fromkeys(names))
 
     @cached_property
     def periods(self) -> tuple[float, ...]:
-        """The periods (s) of its periodic sources, each once."""
+        """The distinct periods (s) of its periodic sources."""
         periods = (element.wave.period for element in self.elements if element.wave)
         return tuple(dict.fromkeys(period for period in periods if period is not None))
 
     @cached_property
     def negative_parts(self) -> tuple[str, ...]:
-        """Resistors, capacitors and coils in it whose value is below 0."""
+        """Resistors, capacitors and coils with negative values."""
         return tuple(
             element.place
             for element in self.elements
@@ -124,13 +123,13 @@ class LoadCircuit:
 
     @property
     def sha256(self) -> str:
-        """Digest of its cards, includes in, and of the values given."""
+        """Digest of its cards, including those of includes, and of the given values."""
         identity = f"{self.text}{self.name}{self.parameters}"
         return hashlib.sha256(identity.encode()).hexdigest()
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters that are plain numbers, given or by default (SI)."""
+        """Given and default parameters that are plain numbers (SI)."""
         return dict(self.defaults) | dict(self.parameters)
 
     @cached_property
@@ -140,7 +139,7 @@ class LoadCircuit:
 
     @cached_property
     def levels(self) -> tuple[str, ...]:
-        """Nodes and currents that determine its stored energy, see `circuits.netlist.stores`."""
+        """Nodes and currents that determine its stored energy; see `circuits.netlist.stores`."""
         return levels_of(self.elements, self.stores)
 
     @property
@@ -150,11 +149,11 @@ class LoadCircuit:
 
     @cached_property
     def stray_pins(self) -> tuple[str, ...]:
-        """Pins of its DC side that a stray capacitance to ground holds while all diodes block.
+        """Pins of its DC side that need a stray capacitance to ground while all diodes block.
 
-        `out` has no stray capacitance if resistors, coils, switches and diodes alone meet there and
-        a resistor or coil leads to another pin. The stray capacitance would be the only one there,
-        and by the trapezoidal rule the voltage would ring after a switch has opened.
+        `out` gets none if only resistors, coils, switches and diodes are connected to it and a
+        resistor or coil leads to another pin: it would be the only capacitance there, and with the
+        trapezoidal rule the voltage would ring after a switch opens.
         """
         if not self.has_output:
             return ()
@@ -172,22 +171,22 @@ class LoadCircuit:
 
     @cached_property
     def coupled(self) -> frozenset[str]:
-        """Nodes of elements that exchange energy with its pins, see `circuits.netlist.supplies`."""
+        """Nodes of elements that exchange energy with its pins; see `circuits.netlist.supplies`."""
         return coupled(self.elements)
 
     @cached_property
     def supplies(self) -> tuple[Measure, ...]:
-        """The power that its sources take, see `circuits.netlist.supplies`."""
+        """Power absorbed by its sources; see `circuits.netlist.supplies`."""
         if not self.has_output:
             return ()
         return supplies_of(self.elements, self.coupled, self.measures)
 
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value that its measures ask for, and of its sources' powers."""
+        """Kind and name of each value of its measures, and of its sources' powers."""
         return tuple(row for measure in (*self.measures, *self.supplies) for row in measure.rows)
 
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value kept of a run: those measured, its levels, its probes."""
+        """Kind and name of each recorded value: measures, levels, probes."""
         return self.measured + tuple((LEVEL, name) for name in (*self.levels, *self.probes))

@@ -1,4 +1,4 @@
-"""Notes on a load for results and messages: misread values, the cost of following it, causes."""
+"""Notes on a load: misread values, computation time, causes of failures."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from circuits.netlist.load_circuit import LoadCircuit
 from harvester.base.errors import LoadError
 from harvester.device.terminals import GROUND
 
-# Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
-# suffix.
+# Smallest plausible capacitance (F) and resistance (Ω) across an output: smaller values are
+# probably a misread suffix.
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
-# Shortest time constant of a switch's control that a run can follow, in steps of the grid. It is a
-# hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
+# Shortest time constant of a switch's control that a run can resolve, in steps of the grid: a
+# hundred times Monte Carlo's shortest step, and about the resolution of ngspice's clock.
 LEAST_TURN = 1e-8
-# Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
-# one switch after a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
+# Time (s) on one core per period of a load's clock in each engine, measured on a bridge with a
+# one-switch buck converter at 50 kHz: 14 steps of Monte Carlo per period, 140 of ngspice.
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
-# Run time of a realization by either engine, in seconds, above which a note states it.
+# Run time of a realization, in seconds, above which a note states it.
 LONG = 60.0
 
 
@@ -47,8 +47,8 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 "a million is meg"
             )
     notes += [
-        f"{source.place} depends on its own output by way of the node {node}: a "
-        "comparator with such a hysteresis may turn too late or too early at default steps; "
+        f"{source.place} depends on its own output through the node {node}: a "
+        "comparator with such a hysteresis may switch too late or too early at default steps; "
         "compare with step = finest, or use a switch (S, vt= and vh=)"
         for source in load.elements
         for node in _fed_back(load, source)[:1]
@@ -62,7 +62,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
 
 
 def _fed_back(load, source):
-    """Nodes that a voltage by expression depends on and drives through resistors or coils."""
+    """Nodes that a voltage expression depends on and also drives through resistors or coils."""
     if source.expression is None or not source.voltage:
         return []
     reached, size = {*source.nodes[:2]}, 0
@@ -77,20 +77,20 @@ def _fed_back(load, source):
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
-    """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
+    """A note on the computation time of a run of this duration (s), if it exceeds `LONG`."""
     period = min(load.periods, default=math.inf)
     costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
     if any(element.letter in "jmq" for element in load.elements):
-        # Monte Carlo does not run transistors.
+        # Monte Carlo does not support transistors.
         del costs["Monte Carlo"]
     if max(costs.values()) < LONG:
         return ()
     name = next(e.name for e in load.elements if e.wave and e.wave.period == period)
     estimates = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
     return (
-        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about "
-        f"{estimates}, for each realization on one core; put an averaged converter in "
-        "its place, as nano_buck of `.include buck_converters.lib`",
+        f"{name} has a period of {1e6 * period:.3g} µs: {duration:.4g} s take about "
+        f"{estimates}, per realization on one core; use an averaged converter "
+        "instead, such as nano_buck of `.include buck_converters.lib`",
     )
 
 
@@ -101,7 +101,7 @@ def _spoken(seconds):
 
 
 def check_turn(load: LoadCircuit, step: float) -> None:
-    """Refuse comparisons that rounding decides, and switches too fast for a grid of this step (s).
+    """Raise for comparisons that depend on rounding, and for switches too fast for this step (s).
 
     Raises
     ------
@@ -109,19 +109,19 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     """
     if load.cancelled:
         raise LoadError(
-            f"{load.cancelled} compares two values that are equal but for rounding: compare with "
+            f"{load.cancelled} compares two values that are equal up to rounding: compare with "
             "a threshold of some millivolts"
         )
     motion = load.self_oscillation
     if motion.turn < LEAST_TURN * step:
         raise LoadError(
-            f"{motion.switch} toggles endlessly; its control follows within {motion.turn:.2g} s: "
-            f"steps of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
+            f"{motion.switch} toggles endlessly with a time constant of {motion.turn:.2g} s: "
+            f"steps of {step:.2g} s cannot resolve it; raise ron or the capacitance at its control"
         )
 
 
 def suspicion(load: LoadCircuit | None) -> str:
-    """The negative parts that may have ended a run early: text to append to the reason."""
+    """Text on negative parts that may have caused a failure, to append to its message."""
     if load is None or not load.negative_parts:
         return ""
     names = ", ".join(load.negative_parts[:3])

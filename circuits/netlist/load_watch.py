@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from circuits.netlist.elements import Element
     from circuits.netlist.load_circuit import LoadCircuit
 
-# Transistors and behavioural sources may change their currents at any time.
+# The currents of transistors and behavioural sources may change at any time.
 _JUMPING = frozenset("bqjm")
 
 
@@ -26,18 +26,19 @@ class Watch(NamedTuple):
     Attributes
     ----------
     unknowns : tuple of str
-        A node's full name, "i(name)" or ground, two for each switch and then two for each
-        capacitor and coil: the level is the first less the second (V or A).
+        A node's full name, "i(name)" or ground: two for each switch, then two for each capacitor
+        and coil. The level is their difference (V or A).
     switches : tuple of (float, float, bool)
-        Control above which each closes, that below which it opens, whether it is closed at first.
+        For each: the control above which it closes, the control below which it opens, whether it is
+        initially closed.
     stores : tuple of (float, bool)
-        Capacitance (F) or inductance (H), and whether it is a coil's.
+        Capacitance (F) or inductance (H), and whether it is a coil.
     pins : tuple of str
         Nodes at the load's pins.
     jumps : bool
-        Whether a part may change its current without notice, a source has a waveform,
-        the load is self-oscillating, or a value is no number or not positive: steps then follow
-        the local error, and of the unknowns only the switches' are watched.
+        Whether a part's current may change suddenly, a source has a waveform, the load is
+        self-oscillating, or a value is not a positive number: steps then follow the local error,
+        and only the switches' unknowns are watched.
     turn : float
         Shortest time constant of the control of an endlessly toggling switch (s).
     """
@@ -54,7 +55,7 @@ NOTHING = Watch()
 
 
 def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
-    """The unknowns to watch of a load whose pins are at these nodes.
+    """The unknowns of a load that limit the steps, with the pins at these nodes.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     Returns
     -------
     Watch
-        Empty for resistors, capacitors and diodes, which follow the motion.
+        Empty for resistors, capacitors and diodes, which are as slow as the motion.
     """
     parts = load.elements
     jumps = may_jump(load)
@@ -86,7 +87,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
 
 
 def may_jump(load: LoadCircuit) -> bool:
-    """Whether a part of the load may change its current without notice."""
+    """Whether the current of a part of the load may change suddenly."""
     if any(part.wave is not None for part in load.elements):
         return True
     return load.switches and (load.self_oscillation.oscillates or any(map(_jumps, load.elements)))
@@ -108,7 +109,7 @@ def _switch(each, pins):
 
 
 def _comparisons(parts, pins):
-    """Pins and thresholds, as `_switch` gives them, of each comparison that makes a jump."""
+    """Pins and thresholds, in the form of `_switch`, of each comparison that causes a jump."""
     potentials = Potentials(parts)
     crossings = [
         passing(passed)
@@ -124,8 +125,7 @@ def _comparisons(parts, pins):
 
 
 def _store(each, pins):
-    """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
-    it is a coil)."""
+    """Unknowns of a store (two nodes, or a coil's current), and (size, whether it is a coil)."""
     if each.letter == "l":
         return (f"i({each.name})", GROUND), (each.size, True)
     return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)

@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from circuits.netlist.measures import Measure
     from circuits.netlist.scope import Scope
 
-# A power that jumps is evaluated at this even number of times within each step.
+# Number (even) of evaluations of a discontinuous power within a step.
 JUMP_PLACES = 32
-# Letters of diodes, switches and transistors, which part the two sides of a rectifier.
+# Letters of diodes, switches and transistors, which separate the two sides of a rectifier.
 _RECTIFYING = "dswqmj"
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """The measures of a load, ready to be evaluated.
+    """The measures of a load, in a form that can be evaluated.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Measurement:
     trees : tuple
         Expressions of the measures, see `circuits.netlist.expression`.
     watched : tuple of str
-        The unknowns that they are made of: a node's full name, or "i(name)".
+        The unknowns in these expressions: a node's full name, or "i(name)".
     pins : tuple of str
         Watched nodes that are pins of the load.
     energy : ndarray
@@ -71,7 +71,7 @@ class Measurement:
         return self._compiled(self.trees[: self._measures])
 
     def _compiled(self, trees: Sequence[Tree]) -> Values:
-        # Imported here, not at the head: reading a load needs no compiled code.
+        # Imported here, since reading a load needs no compiled code.
         from circuits.netlist.expression_graph import Values
 
         return Values(trees, self.watched)
@@ -87,7 +87,7 @@ class Measurement:
         return tuple(places.get((unknowns_in(tree) or [GROUND])[0]) for tree in level_trees)
 
     def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
-        """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
+        """The levels (V, A) from the unknowns of shape (len(watched), n); None for ground."""
         return [None if index is None else unknowns[index] for index in self._level_places]
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
@@ -99,15 +99,15 @@ class Measurement:
         unknowns : ndarray, shape (len(watched), n)
             Values of the watched unknowns, in V and A.
         unit : float
-            Factor from a watt and a joule to the wanted unit.
+            Factor from W and J to the required unit.
 
         Returns
         -------
         ndarray, shape (measures, n)
-            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
-            expression has no value. A power that jumps, such as floor(v(p,n)), is its mean from the
-            middle of one step to the middle of the next, the unknowns being interpolated: its
-            trapezoidal integral holds every jump at its own time.
+            Powers and energies in that unit; states are 1 if true, else 0; undefined values are
+            nan. A discontinuous power, such as floor(v(p,n)), is averaged from the middle of one
+            step to the middle of the next with interpolated unknowns, so that its trapezoidal
+            integral has every jump at the right time.
         """
         if not self._measures:
             return np.empty((0, time.size))
@@ -123,7 +123,7 @@ class Measurement:
 
     @cached_property
     def _jumping(self) -> list[int]:
-        """Rows of powers whose expression jumps."""
+        """Rows of discontinuous powers."""
         rows = enumerate(zip(self.rows, self.trees, strict=True))
         return [
             k for k, ((kind, _), tree) in rows if kind in (LOSS, OUTPUT) and zero_crossings(tree)
@@ -134,7 +134,7 @@ class Measurement:
         return self._compiled([self.trees[k] for k in self._jumping])
 
     def _means(self, time, unknowns, ends):
-        """Means of the jumping powers between the middles of steps; `ends` are those at points."""
+        """Means of discontinuous powers from mid-step to mid-step; `ends`: values at points."""
         steps, shares = np.diff(time), (np.arange(JUMP_PLACES) + 0.5) / JUMP_PLACES
         inside = np.vstack([time, unknowns])
         inside = inside[:, :-1, None] + np.diff(inside)[..., None] * shares
@@ -177,7 +177,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
 def energy_of(load: LoadCircuit) -> np.ndarray:
     """Energy of the capacitors and coils of a load (J), as a quadratic form of its levels.
 
-    Elements whose value is an expression, and elements of logic signals, are left out.
+    Elements with an expression as value and elements of logic signals are excluded.
     """
     held = {store.name: weights(store, load.levels) for store in load.stores}
     sizes = {
@@ -218,8 +218,7 @@ class Probe(NamedTuple):
 def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
     """Read "a", "v(a)", "v(a,b)" and "i(name)".
 
-    A node of the direct-current side is measured against that side's reference, any other one
-    against the pin n.
+    A node of the DC side is measured against that side's reference, other nodes against the pin n.
 
     Raises
     ------
@@ -228,7 +227,7 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
     """
     known_nodes = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
     known_nodes |= {f"i({part.name})" for part in load.elements if part.has_current}
-    # The reference itself has a voltage against n only.
+    # The voltage of the reference is always against n.
     direct = _direct_current_side(load) - {*load.pins[3:]}
     probes = {}
     for text in names:
@@ -252,7 +251,7 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
 
 
 def _direct_current_side(load):
-    """Nodes joined to the output by elements that do not rectify, other than by p and n."""
+    """Nodes connected to the output by non-rectifying elements, not through p or n."""
     if not load.has_output:
         return set()
     side = {*load.pins[2:]}

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from circuits.netlist.vetting import Visible
 
 KINDS = (OUTPUT, LOSS, STORE, STATE)
-# Longest name of a measure, since quantities and columns of tables carry it.
+# Longest name of a measure, which is part of names of quantities and table columns.
 LONGEST_NAME = 40
 # Names that are not allowed, since the program has quantities such as `mean_power` and
 # `stored_energy`.
@@ -30,13 +30,12 @@ class Measure(NamedTuple):
 
     Attributes
     ----------
-    kind : a useful power ("output") or a lost one ("loss"), a stored energy
-        ("store"), or a condition ("state").
-    name : of its quantities.
+    kind : useful power ("output"), lost power ("loss"), stored energy ("store") or condition
+    ("state"). name : part of the names of its quantities.
     expression : in W, J, or true above 0.
-    taking : the power (W) that a state takes while it holds; "" where none is given.
+    taking : the power (W) that a state takes while it is true; "" if not given.
     where : "file:line".
-    trees : of both expressions, once they are read in the load's own sub-circuit.
+    trees : of both expressions, after they are resolved in the load's sub-circuit.
     """
 
     kind: str
@@ -69,11 +68,11 @@ def vet_measures(cards: Iterable[Card], scope: Visible) -> tuple[Measure, ...]:
     accepted: dict[tuple[str, str], Measure] = {}
     for card in cards:
         measure = _vetted(card, scope)
-        # Its quantities' kind and name: a store has a power as well.
+        # Kind and name of its quantity: a store also has a power.
         stored = measure.kind == STORE
         quantity = (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
         if quantity in accepted:
-            refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
+            refuse(card, f"measure: {measure.kind} {measure.name} is defined twice")
         accepted[quantity] = measure
         if len(accepted) > MOST_MEASURES:
             refuse(card, f"more than {MOST_MEASURES} measures")
@@ -90,13 +89,13 @@ def _vetted(card, scope):
         refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{hint}")
     if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
         excerpt = name[:LONGEST_SHOWN]
-        refuse(card, f"measure: {excerpt!r} is no name of at most {LONGEST_NAME} letters")
+        refuse(card, f"measure: {excerpt!r} is not a name of at most {LONGEST_NAME} letters")
     if KEPT_NAMES.fullmatch(name):
-        refuse(card, f"measure: {name} would name a quantity of the program's own: rename it")
+        refuse(card, f"measure: {name} is the name of a built-in quantity: rename it")
     plain = text.replace("{", "(").replace("}", ")")
     parts = _TAKING.split(plain)
     if len(parts) > (2 if kind == STATE else 1):
-        refuse(card, "measure: one 'taking', and of a state only")
+        refuse(card, "measure: only a state can have 'taking', once")
     expressions = [check_expression(card, part.strip(), scope) for part in parts]
     taking = expressions[1] if expressions[1:] else ""
     return Measure(kind, name, expressions[0], taking, card.where)

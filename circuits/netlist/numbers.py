@@ -1,4 +1,4 @@
-"""Numbers as SPICE writes them: suffixes, units after them, LTspice's 4k7."""
+"""Numbers in SPICE's notation: suffixes, units after them, LTspice's 4k7."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DIGITS = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?"
 NUMBER = re.compile(
     r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:e([+-]?\d+))?(meg|mil|[tgkmunpf])?([a-z_]*)", re.ASCII
 )
-# Matches LTspice's 4k7, which is 4.7k.
+# Matches LTspice's 4k7, which means 4.7k.
 INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
 # kT/q at 27 °C (V).
 THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
@@ -23,7 +23,7 @@ THOUSANDTH_OF_AN_INCH = re.compile(rf"{_DIGITS}mil[a-z_]*", re.ASCII)
 
 
 def number(text: str) -> float | None:
-    """A SPICE number like "100k" or "4k7" as a float, or None where it is none."""
+    """Convert a SPICE number like "100k" or "4k7" to a float; None if it is not a number."""
     match = NUMBER.fullmatch(INFIX.sub(r"\1.\3\2", text.strip().lower()))
     if not match or AMPERE.fullmatch(text.strip().lower()):
         return None

@@ -1,4 +1,4 @@
-"""Values of R, C and L, ranges of diode parameters and laws of switches, from their models."""
+"""Values of R, C and L, diode parameters and switch laws, from their models."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from harvester.base.plain_text import nearest
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# Temperature of the circuit, and reference temperature of its values, in °C.
+# Temperature of the circuit and reference temperature of values, in °C.
 TEMPERATURE = 27.0
 # ngspice's default length and width of a resistor or capacitor, in metres.
 _EDGE = 10e-6
 _TEMPERATURES = {"tc", "tc1", "tc1r", "tc2", "tc2r", "tce", "tnom"}
-# Parameters of a resistor's, capacitor's or coil's model. Noise and limits have no effect
-# in a run.
+# Parameters of models of resistors, capacitors and coils. Noise and limits have no effect.
 _NOISE = {"kf", "af", "lf", "wf", "ef", "bv_max"}
 _DIODE = (
     "level is js isw jsw rs trs trs1 trs2 n ns tt ttt1 ttt2 cjo cj0 cj cjp cjsw vj pb php vjsw m "
@@ -36,9 +35,9 @@ KNOWN = {
     "sw": {"vt", "vh", "ron", "roff"}, "csw": {"it", "ih", "ron", "roff"},
     "vswitch": {"von", "voff", "ron", "roff"}, "iswitch": {"ion", "ioff", "ron", "roff"},
 }  # fmt: skip
-# Words of switches that mean another law or part in other programs.
+# Switch parameters that other programs interpret differently.
 ELSEWHERE = {
-    "level": "level=2 is LTspice's switch with a limit of current: write a B source",
+    "level": "level=2 is LTspice's switch with a current limit: write a B source",
     "ilimit": "it belongs to LTspice's switch: write a B source",
     "lser": "it belongs to LTspice's switch: write a separate element",
     "vser": "it belongs to LTspice's switch: write a separate element",
@@ -49,26 +48,25 @@ _SAME = {
     "js": "is", "trs": "trs1", "cj0": "cjo", "cj": "cjo", "pb": "vj", "mj": "m", "ik": "ikf",
     "vb": "bv", "vrb": "bv", "ib": "ibv", "tref": "tnom",
 }  # fmt: skip
-# Smallest resistance, in ohms. Below it the rounding of the voltages hides the current of a
-# harvester.
+# Smallest resistance, in ohms: below, rounding of voltages hides a harvester's current.
 LEAST_RESISTANCE = 1e-6
 # ngspice's smallest saturation current, in amperes.
 LEAST_SATURATION = 1e-28
 # Threshold and half the hysteresis in a switch's model.
 LEVELS = {"s": ("vt", "vh"), "w": ("it", "ih")}
-# Controls at which PSpice's switches are on and off, with their defaults.
+# Controls at which PSpice's switches are on and off, and their defaults.
 _ENDS = {"vswitch": (("von", 1.0), ("voff", 0.0)), "iswitch": (("ion", 1e-3), ("ioff", 0.0))}
 
 
 def unknown_word(kind: str, name: str) -> str:
-    """The fault of a parameter's name in a model of this kind; empty if it is allowed."""
+    """Why a model of this kind cannot have a parameter; empty if it can."""
     if name in KNOWN.get(kind, (name,)):
         return ""
     if (kind, name) == ("c", "c"):
-        return "ngspice takes no c of a model c: write cap="
+        return "a model c has no parameter c in ngspice: write cap="
     if kind in ("sw", "csw", "vswitch", "iswitch") and name in ELSEWHERE:
         return f"{name}: {ELSEWHERE[name]}"
-    return f"ngspice knows no {name} of a model {kind}{nearest(name, KNOWN[kind])}; leave it out"
+    return f"a model {kind} has no {name} in ngspice{nearest(name, KNOWN[kind])}; remove it"
 
 
 def size(
@@ -79,7 +77,7 @@ def size(
     Raises
     ------
     ExpressionError
-        Nothing gives a value.
+        No value is given.
     """
     model = model or Model("", letter, ())
     if model.kind != letter:
@@ -117,7 +115,7 @@ def _by_model(letter, model, numbers):
         )
         width -= 2.0 * parameters.get("narrow", parameters.get("dw", 0.0))
         return parameters["rsh"] * length / width if "rsh" in parameters and width > 0.0 else None
-    # A capacitor's model has no default length.
+    # A capacitor model has no default length.
     if "cj" not in parameters or "l" not in numbers:
         return None
     length = numbers["l"] - parameters.get("short", 2.0 * parameters.get("del", 0.0))
@@ -126,7 +124,7 @@ def _by_model(letter, model, numbers):
 
 
 def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
-    """A diode's model with one name for each number; refused outside its range.
+    """Check a diode's model and return it with standard parameter names.
 
     Raises
     ------
@@ -135,19 +133,19 @@ def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
     if model.kind != "d":
         line.refuse(f"a diode with a model of {model.kind}")
     parameters = {_SAME.get(key, key): value for key, value in model.numbers}
-    # ngspice raises smaller values to this one.
+    # ngspice raises smaller values to LEAST_SATURATION.
     saturation = parameters.get("is", 1e-14)
     parameters["is"] = max(saturation, LEAST_SATURATION) if saturation > 0.0 else 0.0
     area = numbers.get("area", 1.0) * numbers.get("m", 1.0)
     if not (parameters["is"] > 0.0 and parameters.get("n", 1.0) > 0.0 and area > 0.0):
-        line.refuse("is, n, area and m of a diode lie above 0")
+        line.refuse("is, n, area and m of a diode must be > 0")
     if not (0.0 <= parameters.get("m", 0.5) < 1.0 and 0.0 <= parameters.get("fc", 0.5) < 1.0):
-        line.refuse("m and fc of a diode lie from 0 to below 1")
+        line.refuse("m and fc of a diode must be in [0, 1)")
     breakdown, potential = parameters.get("bv", 1.0), parameters.get("vj", 1.0)
     if parameters.get("rs", 0.0) < 0.0 or breakdown <= 0.0 or potential <= 0.0:
-        line.refuse("rs of a diode is not below 0, bv and vj are above it")
+        line.refuse("a diode must have rs ≥ 0, bv > 0 and vj > 0")
     if parameters.get("level", 1.0) not in (1.0, 3.0):
-        line.refuse("level= of a diode is 1 or 3 here: give is, n, rs, cjo")
+        line.refuse("level= of a diode must be 1 or 3: give is, n, rs, cjo")
     return model._replace(numbers=tuple(parameters.items()))
 
 
@@ -160,12 +158,12 @@ def switch(line: Any, model: Model) -> Model:
     """
     kind = "csw" if line.letter == "w" else "sw"
     if model.kind != kind:
-        line.refuse(f"a switch with a model of {model.kind}: it takes {kind}")
+        line.refuse(f"a switch with a model of {model.kind}: it needs {kind}")
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
     if min(off, on) < LEAST_RESISTANCE:
         line.refuse(
-            f"ron={on:g} roff={off:g}: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; "
-            "write 1m, a thousandth of an ohm"
+            f"ron={on:g} roff={off:g}: below {LEAST_RESISTANCE:g} Ω currents are lost by rounding; "
+            "write 1m (1e-3 ohms)"
         )
     threshold, width = LEVELS[line.letter]
     numbers = {threshold: model.get(threshold), width: model.get(width), "ron": on, "roff": off}
@@ -173,10 +171,10 @@ def switch(line: Any, model: Model) -> Model:
 
 
 def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
-    """Conductance of a switch that LTspice and PSpice turn smoothly; None of ngspice's.
+    """Conductance of a smooth switch of LTspice or PSpice; None for ngspice's switches.
 
-    LTspice: a hysteresis below 0, PSpice: VSWITCH and ISWITCH. The logarithm of the conductance is
-    a cubic between both ends.
+    These are LTspice's with negative hysteresis, and PSpice's VSWITCH and ISWITCH. The logarithm of
+    the conductance is a cubic between both ends.
     """
     if model.kind in _ENDS:
         high, low = (model.get(*names) for names in _ENDS[model.kind])
@@ -198,6 +196,6 @@ def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
 
 
 def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
-    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
+    """Controls (V, for a W in A) below which a switch opens and above which it closes."""
     middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
     return middle - half, middle + half

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
     from circuits.netlist.elements import Element
 
-# Advice for a source that turns on and off without end.
+# Advice for a source that toggles endlessly.
 SOURCE_CURE = (
-    "its value jumps to and fro at one threshold, as its own effect reverses each jump at once; "
+    "its value toggles at one threshold, since its own effect reverses each jump immediately; "
     "use a switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some "
     "millivolts, as 0.5*(1+tanh((v-vt)/5m)) does"
 )
@@ -22,7 +22,7 @@ _JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u"
 
 
 def conductance(parts: Iterable[Element]) -> float:
-    """The conductance (S) of resistors in parallel. Negative resistances are left out."""
+    """The conductance (S) of resistors in parallel, without negative resistances."""
     return sum(max(1.0 / part.size, 0.0) for part in parts if part.letter == "r" and part.size)
 
 

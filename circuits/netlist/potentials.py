@@ -1,4 +1,4 @@
-"""Voltages that a load's sources determine alone: at any time, and at the start."""
+"""Voltages that only the load's sources determine: as functions of time, and at the start."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from circuits.netlist.part_models import hysteresis
 from circuits.netlist.waveform import FOREVER, Waveform
 from harvester.device.terminals import GROUND
 
-# The voltage of a pwl with more points is taken from the circuit.
+# Most points of a pwl that is replaced by an expression.
 MOST_POINTS = 24
-# Rounding of a switch's control (V or A), relative to the greater of 1 and its thresholds.
+# Rounding of a switch's control (V or A), relative to the larger of 1 and its thresholds.
 CONTROL_ROUNDING = 1e-12
-# Functions without a value, or without a slope, at 0 V.
+# Functions whose value or slope is undefined at 0 V.
 _UNDEFINED_AT_0 = {"ln", "^", "pwr", "acosh"}
 
 
@@ -26,7 +26,7 @@ class Potentials:
     Parameters
     ----------
     elements : iterable of Element
-        Sources of voltage among them count, and capacitors that are charged if `charged`.
+        Voltage sources among them are used, and with `charged` also charged capacitors.
     """
 
     def __init__(self, elements: Iterable[Element], charged: bool = False) -> None:
@@ -64,7 +64,7 @@ class Potentials:
         return [(sign, each) for each, sign in signs.items() if sign]
 
     def start(self, a: str, z: str) -> float | None:
-        """The voltage from a to z at the beginning, or None."""
+        """The initial voltage from a to z, or None."""
         sources = self.between(a, z)
         if sources is None:
             return None
@@ -75,7 +75,7 @@ class Potentials:
 
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
-    """An expression in which each voltage that sources set is replaced by the sources' values."""
+    """Replace each voltage in an expression that sources determine by the sources' values."""
     return replaced(tree, lambda leaf: _said(leaf, potentials) if leaf[0] == "v" else leaf)
 
 
@@ -143,10 +143,10 @@ def _lines(numbers, time):
 
 
 def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
-    """Controls below which a switch opens and above which it closes, apart from rounding.
+    """Controls below which a switch opens and above which it closes, with a margin for rounding.
 
-    With a hysteresis a control that is exactly at an end of it changes nothing. Without one
-    ngspice turns the switch when its control arrives at the threshold, from either side.
+    With hysteresis, a control exactly at a threshold changes nothing. Without, ngspice toggles the
+    switch when its control reaches the threshold from either side.
     """
     low, high = hysteresis(switch.letter, switch.model)
     rounding = CONTROL_ROUNDING * max(abs(low), abs(high), 1.0)
@@ -155,7 +155,7 @@ def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     sources = potentials.between(*switch.nodes[2:4]) if switch.letter == "s" else None
     sides = [_sides(sign, source) for sign, source in sources or ()]
     least, most = (sum(side[k] for side in sides) for k in range(2))
-    # If the control rests at the threshold, ngspice begins with the switch closed.
+    # If the control is constant at the threshold, ngspice starts with the switch closed.
     if sides and abs(most - low) <= rounding:
         return low - rounding, high - rounding
     if sides and abs(least - low) <= rounding:
@@ -178,10 +178,10 @@ def _sides(sign, source):
 
 
 def starts(elements: tuple[Element, ...]) -> dict[str, float]:
-    """Initial voltages of nodes, from sources and charged capacitors, that a run must be given.
+    """Initial node voltages, from sources and charged capacitors, that ngspice must be given.
 
-    Without them ngspice takes 0 V at first: it forgets which state a switch within its hysteresis
-    has, and evaluates a logarithm of 0.
+    Otherwise ngspice starts at 0 V: it loses the state of a switch within its hysteresis, and
+    evaluates ln(0).
     """
     potentials = Potentials(elements, charged=True)
     node_voltages: dict[str, float] = {}
@@ -194,7 +194,7 @@ def starts(elements: tuple[Element, ...]) -> dict[str, float]:
 
 
 def _decisive(each, potentials):
-    """Pairs of nodes whose first voltage decides how an element begins."""
+    """Pairs of nodes whose initial voltage determines an element's initial state."""
     if each.letter == "s":
         a, z = each.nodes[2:4]
         low, high = hysteresis(each.letter, each.model)

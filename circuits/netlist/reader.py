@@ -1,7 +1,7 @@
-"""Netlist files as cards: comments, continuation lines and includes resolved, nothing judged yet.
+"""Reads netlist files into cards: comments, continuation lines and includes are resolved.
 
-Reads netlists of LTspice and ngspice. A load from elsewhere is data, so an include stays within the
-folder of the file that the user named, or is one of this project's own, named without a folder.
+Reads netlists of LTspice and ngspice. Loads are untrusted data: an include must be within the
+folder of the user's file, or one of this project's files, named without a folder.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 from harvester.base.errors import NetlistError
 
-# Limits of a load with all that it includes. They are far above real loads and far below what would
-# exhaust a machine.
+# Limits of a load with all includes: far above real loads and far below the machine's memory.
 MOST_BYTES = 1_000_000
 MOST_FILES = 100
 DEEPEST_INCLUDE = 16
@@ -27,14 +26,13 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# Comments that this program reads: measures, conditions on parameters, and the
-# dialect.
+# Comments with a meaning here: measures, conditions on parameters, the dialect.
 _SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
 MEASURE, NEEDS, DIALECT = "*measure:", "*needs:", "*dialect:"
 
 
 class Card(NamedTuple):
-    """One statement in lower case and where it begins, "file.lib:12"."""
+    """One statement in lower case, and its location "file.lib:12"."""
 
     text: str
     where: str
@@ -47,13 +45,13 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
     ----------
     path : Path
     text : str, optional
-        Content of the file, which is then not read.
+        Content of the file; the file is then not read.
 
     Raises
     ------
     NetlistError
-        A file that cannot be read or is no regular file, an include that leaves its folder or
-        includes itself, or more than a load holds.
+        A file is unreadable or not regular, an include is outside the folder or recursive, or a
+        limit is exceeded.
     """
     path = Path(path)
     with _named(path):
@@ -63,7 +61,7 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
 
 @contextlib.contextmanager
 def _named(place):
-    """Turn the system's errors about a file into a NetlistError that names it."""
+    """Convert system errors about a file to a NetlistError that names it."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
@@ -82,19 +80,20 @@ def read_text(path: Path) -> str:
 
 
 class _Reader:
-    """Reads one load's files; their number and size count together."""
+    """Reads one load's files, with common limits on number and size."""
 
     def __init__(self, folder):
         self._folder = folder
         self._files = self._bytes = self._cards = 0
 
     def cards(self, path, place, including, text=None):
-        """Cards of a file, or of its `text`; `place` is where it is included, `including` the files
-        that lead to it."""
+        """Cards of a file, or of its `text`; `place`: where it is included; `including`: the chain
+        of files.
+        """
         with _named(place):
             real = path.resolve()
         if real in including:
-            raise NetlistError(f"{place}: includes itself; take the .include out")
+            raise NetlistError(f"{place}: includes itself; remove the .include")
         if len(including) >= DEEPEST_INCLUDE:
             raise NetlistError(f"{place}: includes nest deeper than {DEEPEST_INCLUDE} files")
         cards = []
@@ -107,8 +106,8 @@ class _Reader:
             self._cards += 1
             if self._cards > MOST_CARDS:
                 raise NetlistError(
-                    f"{card.where}: more than {MOST_CARDS} statements, too many for a load: leave "
-                    "some out"
+                    f"{card.where}: more than {MOST_CARDS} statements, too many for a load: remove "
+                    "some"
                 )
             first, _, remainder = card.text.partition(" ")
             if first.lower() in INCLUDES:
@@ -127,38 +126,37 @@ class _Reader:
         with _named(place):
             if not path.is_file():
                 raise NetlistError(f"{place}: is not a regular file")
-            # Reads no more bytes than the file's size: a file that the system shows as empty may
-            # have no end.
+            # Reads at most the file's size: a file with the reported size 0 may be endless.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
             with path.open("rb") as file:
                 content = file.read(size)
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(
-                f"{place}: more than {MOST_BYTES // 1000} kB with its includes: no load's netlist"
+                f"{place}: more than {MOST_BYTES // 1000} kB with its includes: too large a load"
             )
         return _decoded(content)
 
 
 def _included(argument, beside, folder, where):
-    """The file of an include, inside `folder` even after symbolic links; else of netlists/."""
+    """The file of an include: within `folder`, with links resolved, or in netlists/."""
     quoted = re.fullmatch(r"\"([^\"]+)\"|'([^']+)'", argument)
     name = quoted.group(1) or quoted.group(2) if quoted else argument
     if not name or (not quoted and len(name.split()) != 1):
-        raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
+        raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
     # Windows separates folders by a backslash.
     path, shown_place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
     with _named(shown_place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
-        # Files that the project's own netlists include are in the same folder.
+        # Files that the project's netlists include are in the same folder.
         packaged = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
         if bare and (missing or packaged.parent == beside) and packaged.is_file():
             return packaged
     if outside:
-        raise NetlistError(f"{shown_place}: lies outside the load's folder: copy it into it")
+        raise NetlistError(f"{shown_place}: is outside the load's folder: copy it into this folder")
     if missing:
         raise NetlistError(f"{shown_place}: no such file in the load's folder")
     return path
@@ -169,7 +167,7 @@ def _decoded(content):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
         return content.decode("utf-16-le", errors="replace")
-    # A byte-order mark may precede text of another encoding, if files were joined.
+    # In concatenated files a byte-order mark may precede text of another encoding.
     content = content.removeprefix(codecs.BOM_UTF8)
     try:
         return content.decode("utf-8")
@@ -178,10 +176,10 @@ def _decoded(content):
 
 
 def statements(text: str, name: str) -> list[Card]:
-    """Lines of a netlist without comments, continuations joined, blanks single.
+    """Statements of a netlist: comments removed, continuation lines joined, white space reduced.
 
-    A comment "* measure: …" is a statement "*measure: …" of one line, "* needs: …" likewise, and
-    "* dialect: …".
+    Comments "* measure: …", "* needs: …" and "* dialect: …" become one-line statements "*measure:
+    …" and so on.
 
     Parameters
     ----------
@@ -212,7 +210,7 @@ def statements(text: str, name: str) -> list[Card]:
             cards.append(([stripped], where))
             last = last if directive else cards[-1]
         elif last is None:
-            raise NetlistError(f"{where}: a line begins with + and continues none")
+            raise NetlistError(f"{where}: a line begins with + but continues no statement")
         elif stripped != "+":
             last[0].append(stripped[1:].strip())
     return [Card(" ".join(lines), where) for lines, where in cards]

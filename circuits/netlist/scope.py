@@ -1,9 +1,9 @@
 """Resolution of names in each call of a sub-circuit, by ngspice's rules.
 
-A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
-value given in the call goes before a .param of the sub-circuit, that before the default of its
-.subckt line. Functions, models and sub-circuits are looked for where their user is *defined*,
-outwards. A function's text replaces its call, so that its free names are the caller's.
+A parameter is looked up in the calling sub-circuit, then in its callers up to the file. A value
+given in the call has precedence over a .param of the sub-circuit, and this over the default in its
+.subckt line. Functions, models and sub-circuits are looked up in the enclosing *definitions*. A
+function's text replaces its call, so that its free names refer to the caller's scope.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from circuits.netlist.numbers import number
 from circuits.netlist.tree import Subcircuit
 from harvester.device.terminals import GROUND
 
-# In ngspice's behavioural sources only these constants have precedence over parameters.
+# Constants with precedence over parameters in ngspice's behavioural sources.
 _FIRST = ("pi", "e")
 
 
 class Scope:
-    """One call of a sub-circuit: the values given to it and its nodes.
+    """One call of a sub-circuit: the given values and the nodes.
 
     Parameters
     ----------
     circuit : Subcircuit
     given : dict of str to float
-        Values of its parameters, as given by the call.
+        Values of parameters that are given in the call.
     nodes : mapping of str to str
         Full names of the nodes at its pins.
     path : str
-        The calls on the way to it, "xbridge.".
+        The calls that lead to it: "xbridge.".
     parent, caller : Scope or None
-        Around its definition, and of its call; of the file None.
+        Scopes of the enclosing definition, and of the caller; None for the file.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Scope:
         return float(result[1])
 
     def tree(self, text: str) -> Tree:
-        """An expression of the circuit's solution, its nodes and sources by their full names."""
+        """An expression of the circuit's solution, with full names of nodes and sources."""
         names = Names(self._of_circuit, self.function)
         return replaced(resolved(parse(text.strip("{}")), names), self._with_full_names)
 
@@ -91,7 +91,7 @@ class Scope:
             raise NotConstant("hertz, which is defined only in an AC analysis")
         value = self.parameter(name)
         if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
-            raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")
+            raise ExpressionError(f"{name} is a constant of ngspice: rename the parameter")
         return ("number", value)
 
     def parameter(self, name: str) -> float:
@@ -116,7 +116,7 @@ class Scope:
         raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
     def _evaluated(self, name, text):
-        """A value of this sub-circuit's own; one that names itself means that around it."""
+        """A value of this sub-circuit; its own name in it refers to the enclosing scope."""
         if name in self._values:
             return self._values[name]
         alone = not self._under_way
@@ -130,7 +130,7 @@ class Scope:
         return value
 
     def function(self, name: str) -> Any:
-        """(arguments, tree, functions there) of one of the file's functions, or None."""
+        """(arguments, tree, function lookup there) of a function of the file, or None."""
         for scope in self.outwards():
             if name in scope.circuit.functions:
                 _, arguments, expression = scope.circuit.functions[name]
@@ -138,14 +138,14 @@ class Scope:
         return None
 
     def model(self, name: str) -> tuple[Scope, Any] | None:
-        """The scope of a model's definition and (card, kind, pairs), or None."""
+        """The scope of a model's definition, and (card, kind, pairs); or None."""
         for scope in self.outwards():
             if name in scope.circuit.models:
                 return scope, scope.circuit.models[name]
         return None
 
     def outwards(self) -> Iterator[Scope]:
-        """This scope and those in which it is defined, outwards."""
+        """Yield this scope and its enclosing definitions, from inside out."""
         scope: Scope | None = self
         while scope is not None:
             yield scope
@@ -158,9 +158,7 @@ class Scope:
         return self.nodes.get(name, f"{self.path}{name}")
 
     def element(self, name: str) -> str:
-        """The full name of an element, in which only calls, whose names begin with x, end with a
-        dot.
-        """
+        """The full name of an element. Only calls (names with x first) are followed by a dot."""
         return self.path + (name if name[0] == "x" else name.replace(".", ":"))
 
     def _with_full_names(self, leaf):
@@ -175,8 +173,8 @@ class Scope:
         Raises
         ------
         ExpressionError
-            A value names something that has another meaning inside the called sub-circuit, where
-            ngspice looks.
+            A name in a value has another meaning inside the called sub-circuit, which ngspice would
+            use.
         """
         values = {key: self.value(text) for key, text in given.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
@@ -202,6 +200,6 @@ class Scope:
             self._under_way.discard(key)
         if other != value:
             raise ExpressionError(
-                f"{key}={text[:40]}: {self.circuit.name} has a parameter {min(hidden)} too, whose "
-                "value ngspice takes here: rename one of them"
+                f"{key}={text[:40]}: {self.circuit.name} also has a parameter {min(hidden)}, whose "
+                "value ngspice would use here: rename one of them"
             )

@@ -1,8 +1,8 @@
-"""Whether a load is self-oscillating, with the device at rest, and how fast its switches act.
+"""Detects self-oscillating loads with the device at rest, and the speed of their switches.
 
-Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
-mode that grows is an oscillator; switches for which no rest state exists toggle endlessly, at a
-rate set by the time constants of their controls.
+Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised. A growing
+mode is an oscillator. Switches without a rest state toggle endlessly, at a rate set by the time
+constants of their controls.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from circuits.netlist.part_models import hysteresis
 from circuits.netlist.switching_events import zero_crossings
 from harvester.device.terminals import GROUND
 
-# Conductance from every node to ground (S); most Newton iterations; and the residual at which they
-# end, as a share of the currents at a node or of the voltages around a loop.
+# Conductance from every node to ground (S); largest number of Newton iterations; final residual,
+# relative to the currents at a node or the voltages around a loop.
 GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
-# If Newton's iterations fail, they are repeated with this conductance (S), which is multiplied by
-# the second number after each.
+# If Newton's iterations fail, they are repeated with this conductance (S), multiplied by the second
+# number after each iteration.
 SLOWED, FADING = 1e-3, 0.9
-# Above this exponent a diode's exponential is continued as a straight line.
+# Above this exponent a diode's exponential continues as a straight line.
 LARGEST_EXPONENT = 40.0
-# A mode grows if its growth exceeds this share of its rate. Rates above the second number (1/s) are
-# rounding.
+# A mode grows if its growth rate exceeds this share of the absolute rate. Rates above the second
+# number (1/s) are rounding errors.
 GROWING, FASTEST = 1e-6, 1e13
-# A mode counts if it makes up at least this share of a control's change.
+# Smallest share of a mode in a control's change for the mode to count.
 TAKES_PART = 0.05
 # Two values are equal by cancellation if they differ by less than this share of the largest unknown
-# in all trials with exact parts, and by more in the trials with such errors of the parts.
+# in all trials with exact parts, and by more if the parts have these relative errors.
 CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
-# Loads with more unknowns are not analysed. This number takes half a second.
+# Largest number of unknowns that is analysed, within half a second.
 MOST_UNKNOWNS = 300
 
 
@@ -52,7 +52,7 @@ class SelfOscillation(NamedTuple):
     switch : str
         Name of that switch, as "name (file:line)".
     unknown : str
-        Why all this is not known; empty where it is.
+        Reason why the result is unknown; empty if it is known.
     """
 
     oscillates: bool = False
@@ -66,7 +66,7 @@ AT_REST = SelfOscillation()
 
 def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
     """Behaviour of a load with the device at rest."""
-    # Only a source, a gain or a negative part keeps something moving.
+    # Only a source, a gain or a negative part can sustain an oscillation.
     driving = (
         element.delivers
         or element.letter in "begfh"
@@ -89,10 +89,10 @@ def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
 
 
 def cancelled(elements: tuple[Element, ...]) -> str:
-    """The first source that compares two values which differ by rounding alone, or "".
+    """The first source that compares two values that differ only by rounding, or "".
 
-    The load is solved with its pins p and n driven by random voltages, its stores being replaced
-    with their impedances at a random rate and its waveforms with random values.
+    The load is solved with random voltages at its pins p and n, stores replaced by their impedances
+    at a random rate, and waveforms by random values.
     """
     from circuits.netlist.expression_graph import Values
 
@@ -124,7 +124,7 @@ def cancelled(elements: tuple[Element, ...]) -> str:
 
 
 def _static(element, rate, error, draw):
-    """An element without a memory: a store as a resistor, a waveform as a constant.
+    """A memoryless element: a store becomes a resistor, a waveform a constant.
 
     Every value changes by a random share of at most `error`.
     """
@@ -152,12 +152,12 @@ def _of_sources(circuit, source):
             constant = circuit.time_constant(wrong, before, steady_state, closed)
             turns.append((constant, circuit.switches[wrong][0].place))
     if steady_state is None:
-        return SelfOscillation(unknown="no rest of it is found")
+        return SelfOscillation(unknown="no rest state was found")
     return SelfOscillation(True, *min(turns[seen.index(tuple(closed)) :]))
 
 
 class _Circuit:
-    """The equations of a load alone; ground is its pin n."""
+    """The equations of a load without the device; ground is its pin n."""
 
     def __init__(self, elements: tuple[Element, ...]) -> None:
         self._places: dict[str, int] = {GROUND: -1, "n": -1}
@@ -170,7 +170,7 @@ class _Circuit:
         self._behavioural: list[tuple] = []
         self._branches = {element.name: self._unknown(f"i({element.name})") for element in elements
                           if element.letter in "vl" or element.voltage}  # fmt: skip
-        # Reading a load imports no compiler.
+        # Imported here, so that reading a load imports no compiler.
         from circuits.netlist import expression_graph
 
         self._compiled = expression_graph
@@ -196,9 +196,9 @@ class _Circuit:
         return matrix
 
     def _storage(self):
-        """Incidence of each capacitor and coil, one a column, and their sizes with the mutual ones.
+        """Incidence of each capacitor and coil, one per column, and the matrix of their sizes.
 
-        There are as many modes as storing elements, and none from rounding.
+        This gives as many modes as stores, and none from rounding.
         """
         names = [*self._stores]
         ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)
@@ -267,8 +267,8 @@ class _Circuit:
         self._behavioural.append(([(row, sign * many) for row, sign in ends], first, last))
 
     def sources(self) -> Iterator[np.ndarray]:
-        """Right-hand sides for two extreme values of every source: its first one and its opposite
-        one.
+        """Right-hand sides for two values of every source: the initial one and the opposite
+        extreme.
         """
         for which in range(2):
             right = np.zeros(self.size)
@@ -315,7 +315,7 @@ class _Circuit:
         return self._newton(closed, source, SLOWED) if solution is None else solution
 
     def _newton(self, closed, source, held):
-        """Newton's iterations, slowed by a conductance (S) at each node that fades."""
+        """Newton's iterations, damped by a decreasing conductance (S) at each node."""
         y = np.zeros(self.size)
         nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in self.unknowns])
         for _ in range(MOST_ITERATIONS):
@@ -333,7 +333,7 @@ class _Circuit:
         return None
 
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
-        """Index of the first switch that would turn at these voltages, or −1."""
+        """Index of the first switch that would toggle at these voltages, or −1."""
         potentials = np.append(y, 0.0)
         for k, (switch, _, control) in enumerate(self.switches):
             volts = potentials[control[0]] - potentials[control[1]]
@@ -343,7 +343,7 @@ class _Circuit:
         return -1
 
     def _modes(self, y, closed):
-        """Rates of the modes (1/s), and their shapes: all unknowns, and charges of the stores."""
+        """Rates of the modes (1/s), and their shapes: unknowns, and charges of the stores."""
         _, slope = self._currents(y, closed, True)
         moved = np.linalg.solve(slope, self._ends @ self._sizes)
         times, shapes = np.linalg.eig(self._ends.T @ moved)
@@ -359,9 +359,9 @@ class _Circuit:
     def time_constant(
         self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
     ) -> float:
-        """Shortest time constant (s) with which a switch's control goes between two rest states."""
+        """Shortest time constant (s) of a switch's control between two rest states."""
         rates, shapes, held = self._modes(y, closed)
-        # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
+        # Switching leaves the energy in stores unchanged; voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
         deflections = np.vstack([shapes * shares, np.zeros(rates.size)])
         one, other = self.switches[switch][2]
@@ -370,14 +370,14 @@ class _Circuit:
         if abs((deflections[one] - deflections[other]).sum()) < 0.5 * abs(
             moved[one] - moved[other]
         ):
-            # Faster modes have rates that cannot be distinguished from rounding.
+            # Rates of faster modes cannot be distinguished from rounding errors.
             return 0.0
         counts = parts > TAKES_PART * parts.sum()
         return float(1.0 / np.abs(rates[counts]).max(initial=0.0)) if counts.any() else math.inf
 
 
 def _value(source, which):
-    """Value of a source at the beginning (0), or its opposite extreme (1)."""
+    """Initial value of a source (0), or its opposite extreme (1)."""
     if source.wave is None or which == 0:
         return source.first_value
     numbers = source.wave.numbers

@@ -1,9 +1,9 @@
-"""Time-varying loads: their jumps, and the steps that follow them.
+"""Time-varying loads: their jumps, and the steps that resolve them.
 
-Sources and expressions of the time move whether or not the device does. Both engines ask here how
-long a step may be and where one has to end. The answer comes from the expressions' bounds over
-intervals: where one changes by more than a share of its swing the interval is halved, and one that
-still does so in the shortest intervals jumps there.
+Sources and expressions of time vary independently of the device. Both engines query here the
+longest step and the times at which steps must end. These follow from bounds of the expressions over
+intervals: if one changes by more than a share of its swing, the interval is halved; if it still
+does in the shortest interval, it is a jump.
 """
 
 from __future__ import annotations
@@ -23,39 +23,37 @@ if TYPE_CHECKING:
     from circuits.netlist.elements import Element
     from circuits.netlist.waveform import Waveform
 
-# In one step a source may change by at most the first share of its peak-to-peak swing, and deviate
-# from a straight line by at most the second. A sine then takes 31 to 62 steps a period, a ramp 10
-# to 20, and the mean square of either is accurate to 0.5 %.
+# Largest change of a source in a step, and largest deviation from a straight line, as shares of its
+# peak-to-peak swing. A sine then has 31 to 62 steps per period, a ramp 10 to 20, and their mean
+# squares are accurate to 0.5 %.
 CHANGE, BEND = 0.1, 0.0025
-# A swing below this share of the largest value is rounding.
+# A swing below this share of the largest value is a rounding error.
 ROUNDING = 1e-9
-# Halvings of a step of the grid after which a source that still changes counts as a jump.
+# Number of halvings of a grid step after which a remaining change is a jump.
 HALVINGS = 20
 # Accuracy of an engine's clock, as a share of a step of the grid. A jump at the end of an interval
-# counts as inside it.
+# belongs to it.
 CLOCK = 1e-8
-# Steps of the grid that are examined ahead at a time.
+# Number of grid steps that are examined in advance.
 AHEAD = 64
-# A rise of a pulse that is shorter than this share of the adjacent constant parts counts as a
-# jump. Its corners are met by steps; the straight line between them misses 0.4 % of the mean
-# square.
+# A pulse's edge shorter than this share of the adjacent constant parts counts as a jump. Steps end
+# at its corners; a straight line between them misses 0.4 % of the mean square.
 STEEP = 1.0 / 80.0
-# Largest number of a source's steps within one of the grid's, on average over
-# the steps examined ahead.
+# Largest number of steps for a source per grid step, averaged over the examined steps.
 MOST_STEPS = 5000
 
 
 class Breakpoints(NamedTuple):
-    """The steps prescribed by a load's own sources over an interval of time.
+    """The steps prescribed by a load's sources over a time interval.
 
     Attributes
     ----------
     ends : ndarray, shape (n,)
-        Times at which steps have to end, growing (s).
+        Times at which steps must end, ascending (s).
     longest : ndarray, shape (n,)
-        Longest step up to each (s).
+        Longest step before each of these times (s).
     jumps : ndarray, shape (n,)
-        1 where the stretch up to it holds a jump, else 0.
+        1 if the interval before it contains a jump, else 0.
     """
 
     ends: np.ndarray
@@ -67,7 +65,7 @@ NO_BREAKPOINTS = Breakpoints(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class SourceSchedule:
-    """The sources and expressions of a load that change with time alone."""
+    """The sources and expressions of a load that depend on time alone."""
 
     def __init__(self, elements: Iterable[Element]) -> None:
         elements = tuple(elements)
@@ -87,12 +85,12 @@ class SourceSchedule:
         return bool(self._found)
 
     def steps(self, step: float) -> Steps:
-        """Plans of a run's steps, for a grid of this step (s)."""
+        """Plan a run's steps, for a grid with this step (s)."""
         return Steps(self._found, step)
 
 
 class Steps:
-    """Plans of a run, one stretch after another; see `SourceSchedule.steps`."""
+    """Plans a run's steps in successive intervals; see `SourceSchedule.steps`."""
 
     def __init__(self, found: dict[Tree, Element], step: float) -> None:
         self._found, self._step = found, step
@@ -105,7 +103,7 @@ class Steps:
         Raises
         ------
         LoadError
-            Something changes so fast that no run would follow it.
+            A source changes too fast to be resolved.
         """
         edges = np.arange(first, first + count + 1) * self._step
         smooth, jumps = self._halved(edges[:-1], edges[1:])
@@ -117,10 +115,9 @@ class Steps:
         return _joined(low[order], high[order], leaps[order], self._step)
 
     def _between(self, edges, smooth, jumps):
-        """Halve the steps that contain jumps once more, now cut at the jumps so that none lies
-        inside.
+        """Halve steps with jumps again, after cutting them at the jumps.
 
-        Yields the smooth intervals elsewhere, the jumps, and the new intervals.
+        Yields the other smooth intervals, the jumps, and the new intervals.
         """
         holds = np.zeros(edges.size - 1, dtype=bool)
         holds[_cells(edges, jumps)] = True
@@ -138,7 +135,7 @@ class Steps:
         yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
 
     def _halved(self, low, high):
-        """Intervals halved until each is fine, and those that are not after `HALVINGS`."""
+        """Intervals halved until they are short enough, and those that are not after `HALVINGS`."""
         done, total, count = [], 0, low.size
         for _ in range(HALVINGS):
             fine, element = self._fine(low, high)
@@ -151,14 +148,14 @@ class Steps:
                 raise LoadError(
                     f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes "
                     f"within less than a {MOST_STEPS}th of the device's steps of {self._step:.3g} "
-                    "s: no run can follow; slow it down, or replace it by its mean"
+                    "s: too fast for a run; slow it down, or replace it by its mean"
                 )
             middle = 0.5 * (low + high)
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         return tuple(np.concatenate(column) for column in zip(*done, strict=True)), (low, high)
 
     def _fine(self, low, high):
-        """Which intervals are short enough, and the element that needs the most further halving."""
+        """Which intervals are short enough, and the element that needs most further halvings."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
         for tree, source in self._found.items():
@@ -178,13 +175,12 @@ class Steps:
 
 
 def _cells(edges, intervals):
-    """Indices of the grid's steps in which the intervals lie."""
+    """Indices of the grid steps that contain the intervals."""
     return np.searchsorted(edges, 0.5 * (intervals[0] + intervals[1]), "right") - 1
 
 
 def _merged(low, high):
-    """Jumps with touching ones joined, each a little wider, so that a step's end does not
-    coincide with a jump."""
+    """Jumps, with adjacent ones merged and slightly widened, so that no step ends at a jump."""
     order = np.argsort(low)
     low, high = low[order], high[order]
     apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
@@ -194,7 +190,7 @@ def _merged(low, high):
 
 
 def _joined(low, high, jumps, step):
-    """A plan of intervals in order, those alike one after another as one."""
+    """A plan of ordered intervals, with successive equal ones merged."""
     widths = high - low
     last = np.ones(low.size, dtype=bool)
     alike = np.abs(widths[1:] - widths[:-1]) < 0.25 * widths[1:]
@@ -205,7 +201,7 @@ def _joined(low, high, jumps, step):
 
 
 def _moving(tree: Tree) -> Iterable[Tree]:
-    """The largest parts of a tree that change with time alone."""
+    """The largest subtrees that depend on time alone."""
     waiting = [tree]
     while waiting:
         tree_now = waiting.pop()
@@ -216,7 +212,7 @@ def _moving(tree: Tree) -> Iterable[Tree]:
 
 
 def tree_of(wave: Waveform) -> Tree:
-    """A source's waveform as an expression of the time."""
+    """A source's waveform as an expression of time."""
     time: Tree = ("time",)
     if wave.kind == "pwl":
         return ("call", "pwl", time, *(("number", value) for value in wave.numbers))
@@ -229,7 +225,7 @@ def tree_of(wave: Waveform) -> Tree:
 
 
 def steep(wave: Waveform) -> bool:
-    """Whether a source is constant but for steep edges, at whose corners steps end anyway."""
+    """Whether a source is constant except for steep edges, at whose corners steps end."""
     numbers = wave.numbers
     if wave.kind == "pulse":
         rise, fall, width, every = numbers[3:]

@@ -1,4 +1,4 @@
-"""A load's capacitors and coils, and the voltages and currents by which they are followed."""
+"""A load's capacitors and coils, and the voltages and currents that are recorded for them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from harvester.device.terminals import GROUND
 if TYPE_CHECKING:
     from circuits.netlist.elements import Element
 
-# Letters of elements whose slope depends on the voltage across them.
+# Letters of nonlinear elements.
 _CURVED = "dqjm"
 
-# A store belongs to a mode if its voltage is at least this share of the mode's greatest. This
-# excludes the voltage of a DC side as a whole against ground, which stray capacitances hold.
+# A store belongs to a mode if its voltage is at least this share of the mode's largest. This
+# excludes the common voltage of a DC side against ground on stray capacitances.
 TAKES_PART = 0.1
 
 
@@ -26,7 +26,7 @@ class Store(NamedTuple):
     Attributes
     ----------
     name, where : as in `circuits.netlist.elements.Element`.
-    first, second : levels, or ground, whose difference is its voltage or current.
+    first, second : levels (or ground) whose difference is its voltage or current.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Store(NamedTuple):
 
 
 def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
-    """The capacitors and coils of a load that hold something."""
+    """The capacitors and coils of a load with a nonzero value."""
     return tuple(
         Store(
             element.name,
@@ -50,7 +50,7 @@ def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
 
 
 def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str, ...]:
-    """Nodes, and currents as "i(name)", that determine the stores' energies and their drive.
+    """Nodes and currents "i(name)" that determine the stores' energies and what drives them.
 
     Empty for a load without a store.
     """
@@ -64,12 +64,12 @@ def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str
 
 
 def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
-    """The sign with which each level counts in the voltage of a store: 1, −1 or 0."""
+    """The sign of each level in the voltage or current of a store: 1, −1 or 0."""
     return np.array([float(name == store.first) - float(name == store.second) for name in levels])
 
 
 def times_of(matrix: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
-    """Relaxation times (s) of the modes that take part in each store's charge.
+    """Relaxation times (s) of the modes that contribute to each store's charge.
 
     Parameters
     ----------

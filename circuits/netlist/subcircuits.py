@@ -1,4 +1,4 @@
-"""Loads as sub-circuits: a library's or a user's netlist, vetted."""
+"""Reads and checks loads: sub-circuits of the library or of a user's netlist."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad"
 
 
 def load_names() -> list[str]:
-    """Names of the loads in netlists/, sorted; a file without one of its name is for others."""
+    """Sorted names of the loads in netlists/: files with a sub-circuit of the same name."""
     names = []
     for file in resources.files("netlists").iterdir():
         name, ending = file.name.partition(".")[::2]
@@ -56,9 +56,9 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
     Parameters
     ----------
     netlist : str
-        A name in netlists/, or a path (with a dot or a slash in it).
+        A name in netlists/, or a path (contains a dot or a slash).
     folders : sequence of str or Path
-        Folders in which a relative path is looked for, in order.
+        Folders searched for a relative path, in order.
 
     Raises
     ------
@@ -69,12 +69,12 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         if netlist not in names:
             raise NetlistError(
                 f"load.netlist = {netlist[:60]!r}: no such load{nearest(netlist, names)}; there "
-                f"are {', '.join(names)}; a file of your own is named with its ending"
+                f"are {', '.join(names)}; name your own file with its extension"
             )
         return Path(str(resources.files("netlists").joinpath(f"{netlist}.lib")))
     for folder in folders:
         path = Path(folder) / netlist
-        # A name that the system does not accept is no file.
+        # A name that the system rejects is not a file.
         if os.path.isfile(path):
             return path
         if os.path.isdir(path):
@@ -96,11 +96,11 @@ def read_load(
     path : Path
         Path from `find_netlist`.
     subcircuit : str or None
-        Which of the file's; None: the one called as the file, or the only one with these pins.
+        Name in the file; None: the one named like the file, or the only one with these pins.
     parameters : dict of str to (float or str), optional
-        Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
+        Values of the sub-circuit's parameters and the file's `.param`; "100k" means 1e5.
     cards : sequence of Card, optional
-        Cards of the file from an earlier reading: it is not read again.
+        Cards of the file from an earlier call: the file is not read again.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_load(
     check_needs(scope)
     for call in calls(scope):
         if call.circuit is not top and call.circuit.measures:
-            refuse(call.circuit.measures[0], "measure: put it into the load's own sub-circuit")
+            refuse(call.circuit.measures[0], "measure: put it into the load's sub-circuit")
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)
@@ -148,14 +148,14 @@ def read_load(
 
 def _chosen(root, path, name):
     if not root.inner:
-        raise NetlistError(f"{path.name}: holds no .subckt: put the load into one")
+        raise NetlistError(f"{path.name}: contains no .subckt: put the load into one")
     if name is None:
         fitting = [name for name, circuit in root.inner.items() if _fits(circuit)]
         names = fitting or [*root.inner]
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
         if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
-                f"{path.name}: holds {listed(root.inner)}: choose one by load.subcircuit"
+                f"{path.name}: contains {listed(root.inner)}: choose one by load.subcircuit"
             )
     if name.lower() not in root.inner:
         raise NetlistError(
@@ -171,7 +171,7 @@ def _fits(circuit):
 
 def _check_pins(top):
     if not top.elements:
-        refuse(top.card, f".subckt {top.name[:40]} holds no element")
+        refuse(top.card, f".subckt {top.name[:40]} contains no element")
     if not _fits(top):
         refuse(
             top.card,
@@ -180,14 +180,14 @@ def _check_pins(top):
 
 
 class UnknownParameter(NetlistError):
-    """A load has no parameter of this name; `args[1]` are those that it has."""
+    """A load has no parameter of this name; `args[1]` are the existing names."""
 
     def __str__(self) -> str:
         return self.args[0]
 
 
 def _override(root, top, given, path):
-    """Insert the user's values; return the values of the sub-circuit's parameters."""
+    """Insert the user's values, and return the sub-circuit's parameters."""
     values = {}
     existing = {**root.local, **top.local, **top.parameters}
     for key, value in given.items():
@@ -202,7 +202,7 @@ def _override(root, top, given, path):
         if isinstance(value, str) and (read := _MISREAD.match(value)):
             mega, small = _READINGS[read.group(2)]
             raise NetlistError(
-                f"{where}: {value[:30]} is {small} in SPICE and {mega} to most people: write "
+                f"{where}: {value[:30]} means {small} in SPICE and {mega} in SI: write "
                 f"{read.group(1)}{'meg' if read.group(2) == 'M' else ''} or "
                 f"{read.group(1)}{read.group(2).lower()}"
             )
@@ -217,7 +217,7 @@ def _override(root, top, given, path):
 
 
 def _vet(circuit):
-    """Check every card of a sub-circuit and of nested ones, and replace it in the list."""
+    """Check every card of a sub-circuit and of nested ones, and replace it by its `Line`."""
     scope = circuit.scope()
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():
@@ -238,7 +238,7 @@ def _vet(circuit):
     names = set()
     for line in circuit.elements:
         if line.name in names:
-            refuse(line.card, f"{line.name[:40]} is there twice")
+            refuse(line.card, f"{line.name[:40]} is defined twice")
         names.add(line.name)
     coils = {name for name in names if name[0] == "l"}
     for line in circuit.elements:
@@ -251,7 +251,7 @@ def _vet(circuit):
 
 
 def _vetted(card, circuit, scope):
-    """One element vetted; a call is checked against what it calls."""
+    """Check one element; a call is checked against the called sub-circuit."""
     if not card.text.startswith("x"):
         return vet_element(card, scope)
     words = re.sub(r"\bparams:\s*", "", card.text).split()
@@ -267,7 +267,7 @@ def _vetted(card, circuit, scope):
     pairs = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
     for name in pairs:
         if name == "m" and name not in target.parameters:
-            refuse(card, "m= on a call: ngspice 39 and 46 differ in it: write the call m times")
+            refuse(card, "m= on a call: ngspice 39 and 46 differ: write the call m times")
         if name not in target.parameters:
             hint = nearest(name, target.parameters)
             refuse(card, f"{target.name[:40]} has no parameter {name[:40]}{hint}")
@@ -288,19 +288,19 @@ def _across_output(top, parts, measures):
     """The resistors and capacitors across the output."""
     if OUTPUT_PINS[0] not in top.pins:
         if measures:
-            refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
+            refuse(top.card, f"measures need a load with the pins {' '.join(OUTPUT_PINS)}")
         return []
     joining = (part for part in parts if {*part.nodes[:2]} == {*OUTPUT_PINS})
     across = [part for part in joining if part.written_letter in "rc"]
     for part in across:
         if part.value is None:
             raise NetlistError(
-                f"{part.where}: {part.name} lies across out and ref: give it a constant value"
+                f"{part.where}: {part.name} is across out and ref: give it a constant value"
             )
     if not across and all(measure.kind != OUTPUT for measure in measures):
         refuse(
             top.card,
-            "no resistor or capacitor lies across out and ref, and no measure is an output: "
+            "no resistor or capacitor is across out and ref, and no measure is an output: "
             "nothing to harvest",
         )
     return across

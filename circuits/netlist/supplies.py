@@ -1,8 +1,7 @@
-"""Sources within a load that may deliver energy from nothing, and the power that each takes.
+"""Sources in a load that may supply energy, and the power that they absorb.
 
-A converter is often a pair of sources, one of which takes the power that the other delivers.
-Sources that depend on each other's ends, or of which one depends on the other's current, count
-together.
+A converter is often a pair of sources, one of which absorbs the power that the other delivers.
+Sources that depend on each other's terminals or currents are counted together.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from harvester.device.terminals import GROUND
 if TYPE_CHECKING:
     from circuits.netlist.elements import Element
 
-# Nodes that many elements share. Sources do not depend on each other by way of these.
+# Common nodes, which do not make sources depend on each other.
 COMMON = frozenset({"n", "ref", GROUND})
 _PINS = frozenset({"p", "out"})
 
@@ -28,10 +27,10 @@ _PINS = frozenset({"p", "out"})
 def supplies_of(
     elements: Sequence[Element], coupled_nodes: Collection[str], measures: Iterable[Measure]
 ) -> tuple[Measure, ...]:
-    """The power that each group of sources of a load takes, as measures of special kinds.
+    """The power absorbed by each group of a load's sources, as measures of special kinds.
 
-    A constant voltage source stores its energy input, as a battery does, unless a measure of the
-    file counts its current as an output or a loss.
+    A constant voltage source is a battery that stores its energy input, unless a measure of the
+    file counts its current as output or loss.
     """
     sources = {element.name: element for element in elements if _may_supply(element)}
     booked = {
@@ -51,7 +50,7 @@ def supplies_of(
 
 
 def unbooked(elements: Iterable[Element]) -> tuple[str, ...]:
-    """Sources whose power is not known, since only ngspice evaluates their currents."""
+    """Sources of unknown power, since only ngspice can evaluate their currents."""
     return tuple(
         element.name for element in elements if _may_supply(element) and not _current(element)
     )
@@ -62,7 +61,7 @@ def _may_supply(each: Element) -> bool:
 
 
 def _current(each: Element) -> Tree | None:
-    """The current from its first node to its second, as an expression; None where none is known."""
+    """The current from the first node to the second, as an expression; None if unknown."""
     if each.letter == "v" or each.voltage:
         return ("i", each.name)
     tree: Tree
@@ -94,8 +93,8 @@ def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
 def coupled(parts: Sequence[Element]) -> frozenset[str]:
     """Nodes of the elements that can exchange energy with a load's pins.
 
-    Elements that meet the others in one node alone, as in a logic signal, cannot, unless
-    a converter's sources feed them and others take from them.
+    Elements with only one node in common with others, such as logic signals, cannot, unless a
+    converter's sources feed them and others take energy from them.
     """
     islands = joined({*part.ends} - COMMON for part in parts)
     sources = {part.name: part for part in parts if _may_supply(part)}
@@ -121,7 +120,7 @@ def _within(source, nodes):
 
 
 def joined(ends: Iterable[set[str]]) -> list[set[str]]:
-    """Sets of nodes that elements join, given the ends of each element."""
+    """Sets of connected nodes, given the ends of each element."""
     islands: list[set[str]] = []
     for nodes in filter(None, ends):
         near = [island for island in islands if island & nodes]
@@ -131,7 +130,7 @@ def joined(ends: Iterable[set[str]]) -> list[set[str]]:
 
 
 def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[str]]:
-    """Names of sources that count together."""
+    """Groups of names of sources that are counted together."""
     at: dict[str, list[Element]] = {}
     for part in parts:
         for node in part.ends:
@@ -141,7 +140,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
     reached: dict[str, set[str]] = {}
     for name, part in sources.items():
         nodes, currents = {*part.controlling} - {*part.nodes[:2]}, {*part.currents}
-        # The current of an ammeter or a coil equals the current of the sources around it.
+        # An ammeter's or coil's current may equal the current of adjacent sources.
         around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
@@ -165,7 +164,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
 
 
 def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
-    """Sources that set the voltages of some nodes, directly or through other elements."""
+    """Sources that determine the voltages of some nodes, directly or through other elements."""
     near_sources: set[str] = set()
     seen: set[str] = {*COMMON, "p"}
     waiting = [*nodes]

@@ -1,4 +1,4 @@
-"""Comparisons of a load that make a current or voltage jump when they change."""
+"""Comparisons of a load whose change makes a current or voltage jump."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from circuits.netlist.bounds import of_time_alone
 from circuits.netlist.expression import ExpressionError, Tree, leaves, unknowns_in
 from harvester.device.terminals import GROUND
 
-# Lines through the space of voltages and currents on which an expression is examined, with values
-# between these powers of ten, and halvings that locate a sign change on a line.
+# Number of random lines in the space of voltages and currents on which an expression is examined,
+# powers of ten of their range, and halvings to locate a sign change on a line.
 LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
-# The values on both sides of a turn differ by a jump if their difference exceeds this share of the
+# Values on both sides of a sign change form a jump if they differ by more than this share of the
 # values at the line's ends.
 CONTINUOUS = 1e-6
-# A slope of a comparison below this share is rounding.
+# A slope of a comparison below this share is a rounding error.
 ROUNDING = 1e-9
 
 
 @functools.lru_cache(maxsize=4096)
 def zero_crossings(tree: Tree) -> tuple[Tree, ...]:
-    """Expressions that cross 0 where this one jumps; functions of time alone are left out."""
+    """Expressions that cross 0 where this one jumps, without functions of time alone."""
     differences = dict.fromkeys(passed for passed in _passed(tree) if not of_time_alone(passed))
     return tuple(difference for difference in differences if _jumps(tree, difference))
 
 
 def _passed(tree: Tree) -> Iterator[Tree]:
-    """Expressions that cross 0 where a part of this one switches (comparison, step, rounding)."""
+    """Expressions that cross 0 where a part of this one jumps (comparison, step, rounding)."""
     half_turn = ("number", math.pi)
     for leaf in leaves(tree):
         if leaf[0] in ("<", "<="):
@@ -44,7 +44,7 @@ def _passed(tree: Tree) -> Iterator[Tree]:
 
 
 def _jumps(tree, passed):
-    """Whether an expression jumps where another crosses 0; True also if no crossing was found."""
+    """Whether an expression jumps where another crosses 0; also True if no crossing was found."""
     names = unknowns_in(tree)
     try:
         from circuits.netlist.expression_graph import Values
@@ -76,9 +76,9 @@ def _jumps(tree, passed):
 
 
 def passing(passed: Tree) -> tuple[tuple[str, str], float] | None:
-    """Two unknowns whose difference passes a level (V or A) where an expression passes 0.
+    """Two unknowns, and the level (V or A) of their difference at which an expression crosses 0.
 
-    Each is a node, "i(source)" or ground. None if the expression is less simple.
+    Each is a node, "i(source)" or ground. None if the expression has another form.
     """
     names = unknowns_in(passed)
     try:

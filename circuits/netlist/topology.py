@@ -13,10 +13,10 @@ from harvester.base.errors import NetlistError
 GROUND = "0"
 # Letters of elements whose third and fourth nodes control them and carry no current.
 CONTROLLED_BY_NODES = ("e", "g", "s")
-# Matches PSpice's controlling nodes in parentheses, after an element's own two.
+# Matches PSpice's controlling nodes in parentheses, after an element's two nodes.
 _PAIR = re.compile(r"(?i)^([eg]\S*\s+\S+\s+\S+\s+)\(\s*([^(),\s]+)[\s,]+([^(),\s]+)\s*\)")
-# Letters of transistors. Current flows from the first node to the third: drain or collector, gate
-# or base, source or emitter. A bulk or substrate may follow.
+# Letters of transistors, with the nodes drain or collector, gate or base, source or emitter, and
+# optionally bulk or substrate.
 TRANSISTORS = ("m", "j", "q")
 
 
@@ -27,14 +27,13 @@ class Part:
     Attributes
     ----------
     name : str
-        Name as the netlist spells it.
+        Name as written in the netlist.
     nodes : tuple of str
-        Nodes of the element in the netlist's order; of a controlled element those through which
-        current flows.
+        Nodes in the netlist's order; for a controlled element only those that carry current.
     control : tuple of str
-        Nodes, sources or coupled coils that act on it.
+        Nodes, sources or coupled coils that control it.
     value : str
-        Text that follows the nodes; of a sub-circuit's call, its parameters.
+        Text after the nodes; for a sub-circuit's call its parameters.
     calls : str
         Name of the sub-circuit of an X element, else empty.
     """
@@ -52,18 +51,18 @@ class Part:
 
     @property
     def ends(self) -> tuple[str, ...]:
-        """The two nodes between which its current flows; none of coupled coils."""
+        """The two nodes between which current flows; empty for a coupling."""
         return self.nodes[:3:2] if self.letter in TRANSISTORS else self.nodes[:2]
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """Further nodes: a transistor's gate or base, then its bulk or substrate if it has one."""
+        """Other nodes: a transistor's gate or base, and its bulk or substrate if present."""
         return self.nodes[1:2] + self.nodes[3:] if self.letter in TRANSISTORS else self.nodes[2:]
 
 
 @dataclass
 class Topology:
-    """The elements of a circuit or of one sub-circuit, in the netlist's order.
+    """The elements of a circuit or sub-circuit, in the netlist's order.
 
     Attributes
     ----------
@@ -90,7 +89,7 @@ class Topology:
         Raises
         ------
         NetlistError
-            It is defined nowhere.
+            It is not defined.
         """
         if name in self.inner:
             return self.inner[name]
@@ -99,7 +98,7 @@ class Topology:
         return self.outer.find(name)
 
     def model(self, name: str) -> str:
-        """Kind and parameters of a `.model`, from here outwards; empty where there is none."""
+        """Kind and parameters of a `.model`, searched outwards; empty if there is none."""
         if name in self.models or self.outer is None:
             return self.models.get(name, "")
         return self.outer.model(name)
@@ -118,7 +117,7 @@ def read_topology(text: str, name: str = "netlist") -> Topology:
     Raises
     ------
     NetlistError
-        An element of a kind that no scene's netlist has, or a statement without its words.
+        An element of an unsupported kind, or an incomplete statement.
     """
     topology = Topology()
     for card in statements(text, name):
@@ -141,13 +140,13 @@ def read_topology(text: str, name: str = "netlist") -> Topology:
 
 
 def _joined(text):
-    """Blanks out of braces and around equal signs: one word each."""
+    """Remove white space in braces and around equal signs, so that each is one word."""
     text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), paired(text))
     return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
 
 
 def paired(text: str) -> str:
-    """An E or G element with its controlling nodes out of PSpice's parentheses, others as is."""
+    """Remove PSpice's parentheses around the controlling nodes of an E or G element."""
     return _PAIR.sub(r"\1\2 \3", text)
 
 
@@ -170,7 +169,7 @@ def read_part(card: Card) -> Part:
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
-    # A transistor's fourth node is followed by its model's name, else by a number, a pair or "off".
+    # If a transistor has a fourth node, a model's name follows; else a number, a pair or "off".
     following = words[2 + count : 3 + count] if letter in ("m", "q") else []
     if any("=" not in w and re.match(r"(?!off$)[a-z_]", w.lower()) for w in following):
         count += 1

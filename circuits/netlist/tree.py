@@ -1,4 +1,4 @@
-"""A netlist file as nested sub-circuits: read from its cards, and written out again."""
+"""A netlist file as nested sub-circuits: parsed from cards, and written out again."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _INSTEAD = {
     ".title": " (write the title after *)",
     ".global": " (give the sub-circuits a pin for it)",
 }
-# Matches a comma in front of the next `name=`, which is not one between a function's arguments.
+# Matches a comma before `name=`, which cannot be one between a function's arguments.
 COMMA = re.compile(r"\s*,\s*(?=[a-z_]\w*\s*=[^=])")
 
 
 @dataclass(eq=False)
 class Subcircuit:
-    """A .subckt definition that is being read, or the file around them (empty name)."""
+    """A .subckt definition, or the file that contains the definitions (empty name)."""
 
     card: Card
     name: str = ""
@@ -43,7 +43,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Visible:
-        """The names that are visible here, including the enclosing definitions'."""
+        """The visible names, including those of enclosing definitions."""
         around = self.around()
         parameters = (values for c in around for values in (c.local, c.parameters))
         return Visible(
@@ -54,15 +54,15 @@ class Subcircuit:
         )
 
     def place(self, name: str) -> Card:
-        """The card that gives a parameter its value."""
+        """The card that defines a parameter's value."""
         return self.local_cards.get(name, self.card)
 
     def around(self) -> list[Subcircuit]:
-        """This one and those it is defined in, outwards."""
+        """This sub-circuit and its enclosing definitions, from inside out."""
         return [self, *(self.outer.around() if self.outer else ())]
 
     def find(self, name: str) -> Subcircuit | None:
-        """A sub-circuit by name, from here outwards, or None."""
+        """The visible sub-circuit of this name, searched outwards, or None."""
         return next((c.inner[name] for c in self.around() if name in c.inner), None)
 
     def known(self) -> set[str]:
@@ -71,7 +71,7 @@ class Subcircuit:
 
 
 def parse(cards: list[Card], name: str) -> Subcircuit:
-    """Cards of a file of this name as nested sub-circuits, elements not yet judged."""
+    """Parse a file's cards into nested sub-circuits; elements are not checked yet."""
     root = current = Subcircuit(Card("", name))
     for card in cards:
         first, _, remainder = card.text.partition(" ")
@@ -79,7 +79,7 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             current = _opened(current, card, remainder)
         elif first == ".ends":
             if current is root:
-                refuse(card, ".ends without its .subckt")
+                refuse(card, ".ends without a .subckt")
             if remainder and remainder != current.name:
                 refuse(card, f".ends {remainder[:40]} closes .subckt {current.name[:40]}")
             current = current.outer or root
@@ -93,8 +93,8 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             if current is root and name in FUNCTIONS:
                 refuse(
                     card,
-                    f"{name} is ngspice's own function: outside of a .subckt yours would change "
-                    "the device too; put it into the load's .subckt",
+                    f"{name} is a function of ngspice: outside a .subckt yours would change "
+                    "the device, too; put it into the load's .subckt",
                 )
             _once(card, current.functions, f".func {name}", name)
             current.functions[name] = (card, arguments, expression)
@@ -111,13 +111,13 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             current.measures.append(Card(remainder, card.where))
         elif first == NEEDS:
             if current is root:
-                refuse(card, "needs: put it into the .subckt whose parameters it is about")
+                refuse(card, "needs: put it into the .subckt with these parameters")
             current.needs.append(Card(remainder, card.where))
         elif first.startswith("."):
             refuse(
                 card,
-                f"{first[:40]} is not accepted{_INSTEAD.get(first, '')}: a load holds elements, "
-                ".model, .param, .func, .subckt and .include, and is no program",
+                f"{first[:40]} is not accepted{_INSTEAD.get(first, '')}: a load has elements, "
+                ".model, .param, .func, .subckt and .include",
             )
         elif current is root:
             title = "; a title begins with *" if card is cards[0] else ""
@@ -125,14 +125,14 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
         else:
             current.elements.append(card)
     if current is not root:
-        refuse(current.card, f".subckt {current.name} without its .ends")
+        refuse(current.card, f".subckt {current.name} without .ends")
     return root
 
 
 def _once(card, known, what, name):
-    """Refuse a name that is defined twice: ngspice releases differ in which definition counts."""
+    """Raise for a name defined twice: ngspice releases differ in which definition counts."""
     if name in known:
-        refuse(card, f"{what[:60]} is there twice, first at {known[name][0].where}: keep one")
+        refuse(card, f"{what[:60]} is defined twice, first at {known[name][0].where}: keep one")
 
 
 def _opened(outer, card, rest):
@@ -143,13 +143,13 @@ def _opened(outer, card, rest):
     if len(outer.around()) > DEEPEST_DEFINITION:
         refuse(card, f".subckt {names[0]}: definitions nest deeper than {DEEPEST_DEFINITION}")
     if names[0] in outer.inner:
-        refuse(card, f".subckt {names[0][:40]} is there twice")
+        refuse(card, f".subckt {names[0][:40]} is defined twice")
     check_nodes(card, names[1:])
     if ground := {"0", "gnd"} & {*names[1:]}:
         refuse(
             card,
             f"the pin {ground.pop()} is SPICE's ground, the same node in every circuit: rename it "
-            "here and in the body, for instance to n",
+            "here and in the body, for example to n",
         )
     if len({*names[1:]}) < len(names[1:]):
         refuse(card, f"the pins {listed(names[1:])} must differ")
@@ -160,7 +160,7 @@ def _opened(outer, card, rest):
 
 
 def written(circuit: Subcircuit) -> list[str]:
-    """The lines of a sub-circuit, or of all of a file."""
+    """The lines of a sub-circuit, or of a whole file."""
     lines = []
     if circuit.name:
         defaults = [f"{name}={value}" for name, value in circuit.parameters.items()]

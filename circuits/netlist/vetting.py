@@ -1,8 +1,8 @@
-"""Checks that a load's netlist holds only allowed elements; others raise in one line.
+"""Checks that a load's netlist contains only allowed elements.
 
-A netlist from elsewhere is data. Nothing in it may run a program, touch a file, reach a node of
-the device, or stop ngspice's process; what LTspice writes and ngspice would silently ignore or
-misread is put right where its meaning is plain, and refused by name where it is not.
+A netlist is untrusted data: it must not run a program, access files, use nodes of the device or
+stop ngspice's process. LTspice's syntax that ngspice would silently ignore or misread is converted
+if its meaning is clear, and rejected otherwise.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
     "vswitch", "iswitch",
 }  # fmt: skip
-# Facts from data sheets that LTspice adds to a model or a part. They have no effect.
+# Data-sheet entries that LTspice adds to a model or part, without effect.
 FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
 VDMOS_FACTS = {"vds", "ron", "qg"}
-# Parameters of LTspice's idealised diode. ngspice would ignore them.
+# Parameters of LTspice's idealised diode, which ngspice would ignore.
 IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
-# For each element's letter the keys that it uses.
+# Allowed keys by element letter.
 _OF_ALL, _OF_VALUES = {"m", "temp", "dtemp"}, {"tc", "tc1", "tc2", "scale"}
 PART_PARAMETERS = {
     "r": _OF_ALL | _OF_VALUES | {"r", "tce", "noisy", "w", "l"},
@@ -44,12 +44,12 @@ PART_PARAMETERS = {
     "m": _OF_ALL | {"ic", "w", "l", "ad", "as", "pd", "ps", "nrd", "nrs"},
     "s": set(), "w": set(),
 }  # fmt: skip
-# Parasitic parts of LTspice in series. LTspice writes 0 where there is none.
+# LTspice's parasitic series parts; 0 if there is none.
 SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
 WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
 FLAGS = {"on", "off", "nchan", "pchan"}
-# For each element's letter its number of nodes, and the words after them.
+# Number of nodes by element letter, and the parser of the words after them.
 ELEMENTS = {
     "r": (2, "value"), "c": (2, "value"), "l": (2, "value"), "k": (0, "coupling"),
     "d": (2, "model"), "q": (3, "model"), "j": (3, "model"), "m": (3, "model"),
@@ -58,19 +58,20 @@ ELEMENTS = {
     "h": (2, "controlled"), "b": (2, "behavioural"),
 }  # fmt: skip
 
-# Most further nodes in front of the model: a bulk or substrate, the source that controls a W.
+# Largest number of optional words before the model: bulk or substrate, or the controlling source of
+# a W.
 _FURTHER = {"q": 1, "m": 1, "w": 1}
 _CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
 # Longest name or number, in characters.
 LONGEST_WORD = 250
 _LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
-# Most names in a message, and the longest shown whole.
+# Largest number of names in a message, and longest name shown in full.
 MOST_SHOWN, LONGEST_SHOWN = 20, 60
 LONGEST_FAULT = 300
 # Matches a pair name=value, whose value may be an expression in braces.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
 _QUOTED_FACT = re.compile(rf'\s*\b({"|".join(sorted(FACTS))}) ?= ?"[^"]*"')
-# Matches both coefficients of temperature after one key.
+# Matches both temperature coefficients after one key.
 _TWO_COEFFICIENTS = re.compile(
     r" tc=(\{[^{}]*\}|[^\s,={}]+)(?: ?, ?| )(\{[^{}]*\}|[-+.\d][^\s=]*)(?= |$)"
 )
@@ -79,7 +80,7 @@ _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
 class Visible(NamedTuple):
-    """Names that are defined at a card's position."""
+    """Names that are visible at a card's position."""
 
     parameters: Mapping
     functions: Mapping
@@ -89,15 +90,15 @@ class Visible(NamedTuple):
 
 @dataclass(eq=False)
 class Line:
-    """One vetted element, its values still as text.
+    """One checked element, with values as text.
 
     Attributes
     ----------
-    words : all words after name and nodes, as they are written to a netlist.
+    words : all words after name and nodes, as written to a netlist.
     values : of R, C, L in their order, `bare` those without a key; the gain of a controlled source
         or K; of Q and J the values after the model; of a source its constants.
     controls : sources or coils that control it.
-    models : names of its models; only R, C and L may have several, which is refused later.
+    models : names of its models; only R, C and L may have several, rejected later.
     named : name=value settings.
     flags : "on" or "off".
     waves : kind and numbers of each waveform of a source.
@@ -122,27 +123,27 @@ class Line:
 
     @property
     def text(self) -> str:
-        """The element in ngspice's words."""
+        """The element in ngspice's syntax."""
         return " ".join([self.name, *self.nodes, *self.words])
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in one line, the first of many."""
+    """Names in one line; long lists are shortened."""
     names = [name[:LONGEST_SHOWN] for name in names]
     remainder = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
     return ", ".join(names[:MOST_SHOWN]) + remainder
 
 
 def refuse(card: Card, fault: str) -> NoReturn:
-    """Raise NetlistError with file, line and fault, shortened to one line."""
+    """Raise NetlistError with file, line and error, shortened to one line."""
     end = " …" if len(fault) > LONGEST_FAULT else ""
     raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
 
 def tidy(card: Card) -> Card:
-    """The card with quotes as braces, no blanks within expressions, and only safe characters.
+    """Convert quotes to braces, remove blanks in expressions, and reject unsafe characters.
 
-    Facts in double quotes, such as `mfg="KEMET"`, are left out.
+    Quoted data-sheet entries, such as `mfg="KEMET"`, are removed.
     """
     card = card._replace(text=_QUOTED_FACT.sub("", card.text))
     if _LONG_WORD.search(card.text):
@@ -150,17 +151,17 @@ def tidy(card: Card) -> Card:
     text = re.sub(r"'([^']*)'", r"{\1}", card.text)
     if not _CHARACTERS.fullmatch(text):
         odd = next(c for c in text if not _CHARACTERS.fullmatch(c))
-        refuse(card, f"the character {odd!r} has no place in a load")
+        refuse(card, f"the character {odd!r} is not allowed in a load")
     if re.search(r"(?<!\w)(file|pwlfile)\s*=|(?<!\w)wavefile", text):
         refuse(card, "file= is not accepted: a load reads no files")
     if '"' in text:
-        refuse(card, "a double quote is allowed around an included file's name alone")
+        refuse(card, "double quotes are allowed only around an included file's name")
     text = re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
     return Card(_joined_braces(card, text), card.where)
 
 
 def _joined_braces(card, text):
-    """Blanks out of braces, so that an expression is one word."""
+    """Remove blanks in braces, so that an expression is one word."""
     depth = deepest = 0
     for character in text:
         depth += (character == "{") - (character == "}")
@@ -173,21 +174,21 @@ def _joined_braces(card, text):
 
 
 def joined(card: Card, expression: str) -> str:
-    """An expression without blanks, refused where one parts two words."""
+    """Remove blanks from an expression; raise if one separates two words."""
     for before, after in re.findall(r"([\w.)]+) +(?=([\w.(]+))", expression):
         words = {before, after} & {"and", "or", "not"}
         if words:
             refuse(card, f"{min(words)}: write && for and, || for or, ! for not")
-        # A blank may separate a function and its arguments.
+        # A blank between a function and its arguments is allowed.
         if before[-1] == ")" or after[0] != "(":
             refuse(card, f"an operator is missing between {before[:40]!r} and {after[:40]!r}")
     return expression.replace(" ", "")
 
 
 def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
-    """A .model card as ngspice reads it: (name, text)."""
+    """Check a .model card: (name, kind, parameters)."""
     if re.match(r"\.model \S+ ako:", card.text):
-        refuse(card, "ako: write out the parameters of the model that it is made of")
+        refuse(card, "ako: write out the parameters of the base model")
     match = re.fullmatch(r"\.model (\S+) (\w+)\s*(.*)", card.text)
     kind = match.group(2) if match else ""
     if not match or kind not in MODELS:
@@ -203,7 +204,7 @@ def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
         if kind == "d" and name in IDEAL_DIODE:
             refuse(
                 card,
-                f"{name} belongs to LTspice's idealised diode, which ngspice does not have; "
+                f"{name} belongs to LTspice's idealised diode, which ngspice lacks; "
                 "give is, n and rs",
             )
         if fault := unknown_word(kind, name):
@@ -213,14 +214,14 @@ def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
 
 
 def vet_parameters(card: Card, text: str) -> dict[str, Any]:
-    """Pairs of a list of parameters, {name: value}; the last of a name counts."""
+    """A list of parameters as {name: value}; for repeated names the last value counts."""
     pairs = dict(_pairs(card, text, ()))
     for name, value in pairs.items():
         if THOUSANDTH_OF_AN_INCH.fullmatch(value):
-            cure = "ngspice takes mil for a thousandth in a parameter: write it times 25.4u"
+            cure = "ngspice reads mil as 1e-3 in a parameter: multiply by 25.4u instead"
             refuse(card, f"{name}={value[:LONGEST_SHOWN]}: {cure}")
     for name in VARYING & {*pairs}:
-        refuse(card, f"{name} is ngspice's own and no parameter; give it another name")
+        refuse(card, f"{name} is reserved by ngspice; rename the parameter")
     return pairs
 
 
@@ -230,7 +231,7 @@ def vet_function(card: Card) -> tuple[str, list[str], str]:
     if not match:
         refuse(card, "write it as .func name(x, y) {expression}")
     if match.group(1) in SOLUTION:
-        refuse(card, f"{match.group(1)} is ngspice's own function; give yours another name")
+        refuse(card, f"{match.group(1)} is a function of ngspice; rename yours")
     arguments = [argument.strip() for argument in match.group(2).split(",") if argument.strip()]
     if len({*arguments}) < len(arguments):
         refuse(card, f"the arguments {listed(arguments)} of {match.group(1)[:40]} must differ")
@@ -238,7 +239,7 @@ def vet_function(card: Card) -> tuple[str, list[str], str]:
 
 
 def _pairs(card, text, flags):
-    """(name, value) of "a=1 b={2*a} off"; a flag has no value."""
+    """Parse "a=1 b={2*a} off" into (name, value) pairs; a flag has no value."""
     pairs = []
     for word in re.sub(r"=([^={}\s]+)\s*\(", r"=\1(", text).split():
         match = _PAIR.fullmatch(word)
@@ -253,7 +254,7 @@ def _pairs(card, text, flags):
 
 
 def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> str:
-    """The value, a bare parameter or expression in braces; refused unless it means a number."""
+    """Check a value, a parameter's name or an expression in braces; raise unless it is a number."""
     if value.startswith("{") and value.endswith("}"):
         return "{" + check_expression(card, value[1:-1], scope) + "}"
     size = number(value)
@@ -263,14 +264,14 @@ def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> 
         return "{" + value + "}"
     excerpt = f"{what} {value[:LONGEST_SHOWN]}"
     if AMPERE.fullmatch(value):
-        refuse(card, f"{excerpt}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+        refuse(card, f"{excerpt}: ngspice 46 reads A as 1e-18, 39 as 1: omit the A")
     if NUMBER.fullmatch(value):
         refuse(card, f"{excerpt} is not finite")
-    refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
+    refuse(card, f"{what} {value[:40]!r} is not a number{nearest(value, scope.parameters)}")
 
 
 def check_expression(card: Card, expression: str, scope: Visible) -> str:
-    """An expression without blanks in ngspice's spelling; refused unless it means something."""
+    """Check an expression and return it without blanks in ngspice's syntax."""
     text = rewritten(joined(card, expression))
     try:
         text = in_ngspices_words(text, scope.dialect)
@@ -281,12 +282,12 @@ def check_expression(card: Card, expression: str, scope: Visible) -> str:
 
 
 def rewritten(expression: str) -> str:
-    """LTspice's 4k7 in ngspice's spelling."""
+    """Convert LTspice's 4k7 to ngspice's notation."""
     return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
 
 
 def vet_element(card: Card, scope: Visible) -> Line:
-    """An element's card as ngspice reads it."""
+    """Check an element's card."""
     text = card.text
     if text[0] in "rcl":
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
@@ -300,20 +301,20 @@ def vet_element(card: Card, scope: Visible) -> Line:
 
 
 def check_form(card: Card, name: str, words: list[str]) -> None:
-    """Raise for an element of a letter that no load has, or with too few words."""
+    """Raise for an unsupported element letter or too few words."""
     letter = name[0].lower()
     if letter not in ELEMENTS:
-        fault = "an element of this letter is not accepted; these are: X"
+        fault = "an element of this letter is not supported; supported are: X"
         refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
     if not re.fullmatch(r"[\w.+\-#]+", name) or len(words) <= ELEMENTS[letter][0]:
         refuse(card, f"{card.text[:50]!r}: too few nodes or no value")
 
 
 def check_nodes(card: Card, nodes: list[str]) -> None:
-    """Refuse node names that ngspice could take for something else."""
+    """Raise for node names that ngspice could misinterpret."""
     for node in nodes:
         if not _NODE.fullmatch(node):
-            refuse(card, f"{node[:40]!r} is no name of a node")
+            refuse(card, f"{node[:40]!r} is not a valid node name")
 
 
 def _value(line, rest, scope):
@@ -327,7 +328,7 @@ def _value(line, rest, scope):
                 else:
                     line.named[key] = value
         elif word in scope.models and number(word) is None and word not in scope.parameters:
-            # A number or a parameter of a model's name goes before it.
+            # A number, or a parameter with a model's name, has precedence over the model.
             line.words.append(word)
             line.models.append(word)
         else:
@@ -339,16 +340,16 @@ def _value(line, rest, scope):
 
 
 def _part_parameter(card, word, scope):
-    """The (key, value) of a part's setting, or nothing if it has no effect."""
+    """(key, value) of a part's setting; empty if it has no effect."""
     match = _PAIR.fullmatch(word)
     key, value = match.groups() if match else ("", "")
     if key in FACTS or (key in SERIES and number(value) == 0.0):
         return []
     if key in PARASITICS:
-        refuse(card, f"{key}= is LTspice's alone: write it as a separate element")
+        refuse(card, f"{key}= exists only in LTspice: write it as a separate element")
     keys = PART_PARAMETERS[card.text[0]]
     if key not in keys:
-        refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
+        refuse(card, f"{card.text[0].upper()} has no parameter {word[:40]!r}{nearest(key, keys)}")
     # `tc` and `tc1` are the same parameter; the last one counts.
     key = "tc1" if key == "tc" else key
     return [(key, check_value(card, value, scope, key))]
@@ -364,7 +365,7 @@ def _coupling(line, rest, scope):
 
 
 def _model(line, rest, scope):
-    """Further nodes, the model's name, its parameters."""
+    """Additional nodes, the model's name, and parameters."""
     card, letter, position = line.card, line.name[0], 0
     further: list[str] = []
     for word in rest:
@@ -384,7 +385,7 @@ def _model(line, rest, scope):
             (line.flags if word in ("on", "off") or letter in "sw" else line.values).append(word)
         else:
             if letter in "msw":
-                refuse(card, f"{word[:40]!r} after the model has no effect: leave it out")
+                refuse(card, f"{word[:40]!r} after the model has no effect: remove it")
             value = check_value(card, word, scope)
             line.words.append(f"area={value}" if letter == "d" else value)
             if letter == "d":
@@ -399,7 +400,7 @@ def _model(line, rest, scope):
             card, f"no .model {missing}: copy its .model line into the file, or .include its file"
         )
     if position > _FURTHER.get(letter, 0) or (letter == "w" and not position):
-        refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
+        refuse(card, f"{card.text[:50]!r}: too many or too few nodes before the model")
     if letter == "w":
         line.controls, line.words = further, further + line.words
     else:
@@ -407,9 +408,9 @@ def _model(line, rest, scope):
 
 
 def _source(line, rest, scope):
-    """Constants and plain waveforms with their numbers; those of ac have no effect."""
+    """Constants and waveforms with their numbers; values of ac are ignored."""
     card = line.card
-    # A number belongs to the waveform, "dc" or "ac" (two numbers) before it, or is a constant.
+    # A number belongs to the preceding waveform, "dc" or "ac" (two numbers), or is a constant.
     place, skipped = line.values, 0
     tokens = _SOURCE_WORD.findall(" ".join(rest))
     after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))
@@ -438,7 +439,7 @@ def _source(line, rest, scope):
                 line.named[key] = value
         elif word[0].isalpha() and word not in scope.parameters:
             waveforms = ", ".join(sorted(WAVEFORMS))
-            refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
+            refuse(card, f"{word[:40]!r} is not a supported waveform; supported are: {waveforms}")
         else:
             line.words.append(check_value(card, word, scope))
             if not skipped:
@@ -447,10 +448,10 @@ def _source(line, rest, scope):
 
 
 def _controlled(line, rest, scope):
-    """Nodes or a source's name with a gain, or value={expression}."""
+    """Nodes or a source's name and a gain, or value={expression}."""
     card, letter = line.card, line.name[0]
     if any(re.match(r"(poly|laplace|table|freq)\b", word) for word in rest):
-        refuse(card, "poly, laplace, table and freq are not accepted: write a B source")
+        refuse(card, "poly, laplace, table and freq are not supported: write a B source")
     text = _multiplied(line, " ".join(rest), scope)
     line.voltage = letter in "eh"
     match = re.fullmatch(r"(value|vol|cur)[= ](.*)", text)
@@ -464,7 +465,7 @@ def _controlled(line, rest, scope):
     *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
     check_nodes(card, controls)
     if len(controls) != (2 if letter in "eg" else 1):
-        refuse(card, f"{card.text[:50]!r}: needs its controlling nodes or source, and a gain")
+        refuse(card, f"{card.text[:50]!r}: needs controlling nodes or a source, and a gain")
     line.values = [check_value(card, gain, scope)]
     if letter in "eg":
         line.nodes += controls
@@ -473,12 +474,12 @@ def _controlled(line, rest, scope):
 
 
 def _multiplied(line, text, scope):
-    """A source's text without its m=…, which the line keeps; voltages in parallel are one."""
+    """Remove m=… from a source's text and store it in the line; raise for voltage sources."""
     match = re.fullmatch(r"(.*\S) m=(\S+)", text)
     if not match:
         return text
     if line.name[0] in "eh" or match.group(1).startswith("v="):
-        cure = "sources of voltage side by side are one: leave it"
+        cure = "parallel voltage sources are equal to one: remove it"
         refuse(line.card, f"m={match.group(2)[:40]}: {cure}")
     line.named["m"] = check_value(line.card, match.group(2), scope)
     line.words.append(f"m={line.named['m']}")

@@ -1,5 +1,4 @@
-"""Waveforms of V and I sources, with omitted numbers filled in by ngspice's defaults, or
-refused."""
+"""Waveforms of V and I sources, with ngspice's defaults for omitted numbers."""
 
 from __future__ import annotations
 
@@ -9,34 +8,34 @@ from typing import NamedTuple
 
 from circuits.netlist.expression import ExpressionError
 
-# Waveforms, and how many numbers each takes here.
+# Waveforms, and the accepted numbers of their parameters.
 KINDS = {"pulse": (7,), "sin": range(3, 7), "exp": (6,), "sffm": (5,), "pwl": range(2, 10_000)}
 SAME = {"sine": "sin"}
 # A time (s) that no run reaches.
 FOREVER = 1e30
-# Time (s) that a rise or fall of 0 takes here. ngspice would take its printing step.
+# Duration (s) of a rise or fall of 0; ngspice would use its printing step.
 SHORTEST_RISE = 1e-9
 _FORMS = {
-    "pulse": "pulse(low high delay rise fall width period): without one of them ngspice 39 and 46 "
+    "pulse": "pulse(low high delay rise fall width period): if one is omitted, ngspice 39 and 46 "
     "differ",
-    "sin": "sin(offset amplitude frequency delay damping phase): without a frequency ngspice takes "
-    "the reciprocal of the whole run",
-    "exp": "exp(low high delay1 rise delay2 fall): without one of them ngspice takes its printing "
+    "sin": "sin(offset amplitude frequency delay damping phase): without a frequency ngspice uses "
+    "the reciprocal of the run's duration",
+    "exp": "exp(low high delay1 rise delay2 fall): if one is omitted, ngspice uses its printing "
     "step",
     "sffm": "sffm(offset amplitude carrier index signal)",
-    "pwl": "pwl(time value time value …), times growing",
+    "pwl": "pwl(time value time value …), with ascending times",
 }
 
 
 class Waveform(NamedTuple):
-    """A source that changes: its kind and all of its numbers; of "pwl" times and values."""
+    """A time-varying source: its kind and all numbers; for "pwl" times and values."""
 
     kind: str
     numbers: tuple[float, ...]
 
     @property
     def period(self) -> float | None:
-        """Time after which it repeats itself (s); None where it does not, or seldom, as "sffm"."""
+        """Period (s); None for non-periodic waveforms, or rarely repeating ones such as "sffm"."""
         if self.kind == "pulse" and self.numbers[6] < FOREVER:
             return self.numbers[6]
         if self.kind == "sin" and not self.numbers[4]:
@@ -45,7 +44,7 @@ class Waveform(NamedTuple):
 
     @property
     def start(self) -> float:
-        """The value at the beginning."""
+        """The initial value."""
         first = self.numbers
         if self.kind == "pwl":
             late = [k for k in range(0, len(first), 2) if first[k] <= 0.0]
@@ -64,11 +63,11 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
     Raises
     ------
     ExpressionError
-        Its value differs in another release of ngspice, or with another printing step.
+        Its value would depend on ngspice's release or printing step.
     """
     kind = SAME.get(kind, kind)
     if kind == "am":
-        raise ExpressionError("am is another source in ngspice 39 than in 46: write a B source")
+        raise ExpressionError("am differs between ngspice 39 and 46: write a B source")
     fits = len(given) in KINDS[kind] and (kind != "pwl" or len(given) % 2 == 0)
     if not fits:
         raise ExpressionError(f"{kind} with {len(given)} numbers: write {_FORMS[kind]}")
@@ -76,8 +75,8 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
     check = {"pulse": _pulse, "sin": _sine, "exp": _exponential, "pwl": _lines}.get(kind)
     if check and not check(numbers, delay):
         raise ExpressionError(
-            f"{kind}({' '.join(f'{each:g}' for each in given[:8])}): what ngspice makes of a time "
-            f"below 0, of 0 or out of order differs from release to release: write {_FORMS[kind]}"
+            f"{kind}({' '.join(f'{each:g}' for each in given[:8])}): the effect of a time "
+            f"≤ 0 or out of order depends on ngspice's release: write {_FORMS[kind]}"
         )
     return Waveform(kind, tuple(numbers))
 

@@ -1,6 +1,6 @@
 """A load as ngspice runs it: one flat sub-circuit with every number written out.
 
-Nothing is left for ngspice to look up: no parameter, function, default or suffix.
+It contains no parameters, functions, defaults or suffixes.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from circuits.netlist.functions import CONSTANTS, SOLUTION, VARYING
 from circuits.netlist.numbers import number
 from circuits.netlist.potentials import starts
 
-# Matches characters of a name that could be read as an operator, and an underscore that could be
-# read as the beginning of such a character's code: no two names become one.
+# Matches characters of a name that could be read as an operator, and underscores that could be read
+# as the beginning of such a character's code: names stay distinct.
 _ODD = re.compile(r"[^\w.#]|_(?=[0-9a-f]{2}(?:_|[^\w.#]))", re.ASCII)
 
 
 def node_name(name: str) -> str:
-    """A node of a load as the run's netlist calls it."""
+    """Name of a load's node in the run's netlist."""
     if name in VARYING:
-        # Within v() too ngspice reads the quantity.
+        # ngspice reads these names as quantities even within v().
         return f"_{ord(name[0]):x}_{name[1:]}"
     return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", name)
 
 
 def element_name(letter: str, name: str) -> str:
-    """Name of a load's element in the run's netlist, which begins with its kind's letter."""
+    """Name of a load's element in the run's netlist, which begins with the kind's letter."""
     own_name = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
     return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own_name)
 
 
 def current_name(name: str) -> str:
-    """The source with this full name, whose letter follows its last dot."""
+    """Name in the run's netlist of a source; its letter follows the last dot of its full name."""
     return element_name(name.rpartition(".")[2][0], name)
 
 
 def run_text(name: str, pins: Iterable[str], elements: Iterable[Element]) -> str:
-    """The sub-circuit that ngspice runs, ending with a newline."""
+    """Text of the sub-circuit for ngspice, ending with a newline."""
     elements = tuple(elements)
     names = _model_names(elements)
     models = [_model(name, model) for model, name in names.items()]
@@ -51,16 +51,16 @@ def run_text(name: str, pins: Iterable[str], elements: Iterable[Element]) -> str
 
 
 def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
-    """Whether ngspice makes these elements of a file's text.
+    """Whether ngspice would read these elements from a file's text.
 
-    Not where a parameter has the name of one of its functions or constants, where a word is
-    another SPICE's, and where a start has to be said.
+    It would not if a parameter has the name of a function or constant of ngspice, if a word is from
+    another SPICE, or if an initial value must be given.
     """
     named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
     asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
     definitions = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
-    # A parameter with the value of ngspice's constant of its name is that constant.
+    # A parameter that equals ngspice's constant of the same name is harmless.
     parameters = {
         name
         for name, definition in definitions
@@ -78,7 +78,7 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
 
 
 def _model_names(elements):
-    """(kind, numbers, flags) of each distinct model → its name."""
+    """Map (kind, numbers, flags) of each distinct model to its name."""
     names: dict[tuple, str] = {}
     for model in (element.model for element in elements if element.model is not None):
         if model[1:] not in names:
@@ -96,7 +96,7 @@ def _model(name, model):
 
 
 def _number(value):
-    """A number in full; whole ones without a point, as levels are."""
+    """A number with all digits; integers without a decimal point, as for levels."""
     is_whole = float(value).is_integer() and abs(value) < 1e6
     return str(int(value)) if is_whole else repr(float(value))
 
@@ -137,5 +137,5 @@ def _by_expression(each):
 
 
 def said(tree: Tree) -> str:
-    """An expression of a load's with its nodes and sources by the run's names."""
+    """An expression of a load, with the run's names of nodes and sources."""
     return expression_written(tree, node_name, current_name)

@@ -1,8 +1,8 @@
-"""Compiled callbacks between ngspice and Python: noise in, steps set, solution out.
+"""Compiled callbacks between ngspice and Python: noise, step sizes, solution.
 
-ngspice calls these at every evaluation or step, so they are compiled C functions over one
-shared structure. They call back into Python (`service`) only when a buffer is full or the
-window of noise must move on, some thousand steps apart.
+ngspice calls these at every evaluation or step, so they are compiled C functions over one shared
+structure. They call Python (`service`) only when a buffer is full or the window of noise must
+advance, every thousand steps or so.
 """
 
 from __future__ import annotations
@@ -34,40 +34,40 @@ from harvester.device import system as systems
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Points that are collected before Python is called, and knots of the noise that are held
-# ahead, over all copies together. Calls into Python are then some thousand steps apart.
+# Points that are collected before Python is called, and noise knots that are read ahead, over all
+# copies.
 BUFFERED_POINTS = 4096
 BUFFERED_KNOTS = 65_536
-# Fewest points and knots for each copy, where there are many copies.
+# Fewest points and knots per copy, if there are many copies.
 FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
-# Knots before the latest accepted time that stay in the window when it moves on.
+# Knots before the latest accepted time that remain in the window when it advances.
 KNOTS_KEPT_BEHIND = 8
-# Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
-# names come from `circuits.equivalent.elements` and are shorter.
+# Longest source name with ngspice's prefix, from which the copy's number is read. Names from
+# `circuits.equivalent.elements` are shorter.
 LONGEST_NAME = 64
 # Last letter of the name of the source `elements.add_pace`.
 CLOCK = ord("k")
-# Columns of the buffer, for each copy, in front of the unknowns of the load's measures and of those
-# that are watched. Columns that do not apply are 0.
+# Columns of the buffer per copy, before the unknowns of the load's measures and the watched
+# unknowns. Unused columns are 0.
 COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 
-# Steps of backward Euler with which ngspice begins, whatever the method. The next steps double up
-# to the usual length, so that one of them damps each fast decay. With full steps directly after
-# tiny ones the trapezoidal rule would let such a decay ring on.
+# Number of backward Euler steps with which ngspice begins, whatever the method. The following steps
+# double up to the usual length, so that one of them damps each fast decay; with full steps
+# immediately the trapezoidal rule would ring.
 FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
-# A step that ngspice proposes is taken unchanged if more than this number of them remains to the
-# next point of the grid. It may end where a source bends: dividing the remainder would end ever
-# closer before that point. With fewer left, the rest is divided into equal steps.
+# A step proposed by ngspice is unchanged if more than this number of such steps remains to the next
+# grid point. It may end at a source's corner, which dividing the remainder would only approach.
+# Otherwise the remainder is divided into equal steps.
 STEPS_TO_DIVIDE = 1.8
-# A bend of a source that is nearer than this share of a grid's step to a point of the grid is
-# reached together with it; ngspice itself merges two sources' bends at this distance.
+# A source's corner within this share of a grid step of a grid point is merged with it; ngspice
+# merges corners of two sources at this distance.
 MERGED = 5e-5
-# The end of an interval in a load's own plan, such as a jump, counts as reached within this share
-# of a grid's step.
+# The end of an interval in a load's plan, such as a jump, counts as reached within this share of a
+# grid step.
 LEAST_TO_END = 1e-9
 
 # Reasons for a call of `service`.
@@ -134,7 +134,7 @@ _pace_of = compiled(trapezoidal_prewarp_factor)
 
 @intrinsic
 def _pointer(typingctx, address):
-    """An address as a pointer."""
+    """Convert an address to a pointer."""
 
     def generate(context, builder, signature, arguments):
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
@@ -156,7 +156,7 @@ def _call(typingctx, address, reason):
 
 @compiled
 def _noise(state, copy, time):
-    """The noise of one copy over ω² at a time, linear between knots."""
+    """Noise of one copy over ω² at `time`, linear between knots."""
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
     position = max(time / state.spacing - state.first_knot, 0.0)
     knot = min(int(position), state.knots - 2)
@@ -166,7 +166,7 @@ def _noise(state, copy, time):
 
 @compiled
 def _fast(state, h):
-    """Relative error of the pre-warping, computed for a step of the grid, at a step of h."""
+    """Relative error, at a step of h, of the pre-warping for a grid step."""
     if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_sample:
         return 0.0
     return 1.0 - _pace_of(state.line * h) / state.pace
@@ -174,9 +174,9 @@ def _fast(state, h):
 
 @compiled
 def _slowed(state, h):
-    """Share by which the clock is slowed at the end of a step of h.
+    """Correction of the pre-warping at the end of a step of h.
 
-    A step takes the mean of its two ends; the remainder is added to the next.
+    A step uses the mean of its two ends; the remainder is added to the next step.
     """
     return _fast(state, h) + state.owed * state.steps_per_sample / state.spacing
 
@@ -185,8 +185,8 @@ def _slowed(state, h):
 def _slowing(state, copy, h, displaces):
     """Pre-warping source of a copy's displacement, or velocity, at the end of a step of h.
 
-    Both are predicted for a motion at the line. Slowing one alone would pump energy, since steps
-    are short at one phase of the motion.
+    Both are predicted for a motion at the line's frequency. Correcting only one would pump energy,
+    since steps are short at one phase of the motion.
     """
     shape = (state.copies, state.points, state.columns)
     row = carray(_pointer(state.buffer), shape, np.float64)[copy, (state.count - 1) % state.points]
@@ -243,7 +243,7 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     cache=CACHED,
 )  # fmt: skip
 def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
-    """`GetISRCData`: noise or clock of the copy whose number is in the source's name."""
+    """`GetISRCData`: noise or pre-warping of the copy whose number is in the source's name."""
     state = carray(user, 1)[0]
     letters = carray(name, LONGEST_NAME, np.uint8)
     copy = character = 0
@@ -288,7 +288,7 @@ def _resolved(state, s, copy, row, ahead, step):
     """Longest step from an accepted point of one copy that resolves the contacts.
 
     `row` is the point's row of the buffer, `ahead` the noise at the next knot, `step` the grid's.
-    Keeps the acceleration.
+    Stores the acceleration.
     """
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
     electrical = row[TRANSDUCER] * state.state_scale
@@ -350,7 +350,7 @@ def _shortest(state, s, ahead, step):
 def _planned(state, time, remaining, step):
     """Time until the next planned end of a step by the load, and the longest step it allows.
 
-    After a jump steps double from its width on, as after a switch's turn.
+    After a jump steps double, starting from its width, as after a switching event.
     """
     while time > state.planned_to - MERGED * step:
         _call(state.service, np.int32(PLAN_ENDS))
@@ -377,11 +377,11 @@ def _planned(state, time, remaining, step):
 
 @compiled
 def _set_step(time, delta, before, redo, identity, location, user):
-    """The next step ends on the grid, or short of it near a contact.
+    """Set the next step: it ends on the grid, or earlier near a contact.
 
     Location 0 is the start of a step, after the last point was accepted and sent. Under local-error
-    control ngspice's proposal is taken where it is shorter. After a rejected step (location 1)
-    ngspice's own shorter one is kept.
+    control ngspice's proposal is used if it is shorter. After a rejected step (location 1)
+    ngspice's shorter step is used.
     """
     state = carray(_state(user), 1)[0]
     if location != 0 or state.steps_per_sample == 0:
@@ -415,7 +415,7 @@ def _set_step(time, delta, before, redo, identity, location, user):
 
 
 def step_setter(system: System) -> int:
-    """Address of the `GetSyncData` that sets the steps of a device with such parts."""
+    """Address of the `GetSyncData` function for a device with these kinds of parts."""
     floats = types.float64, types.CPointer(types.float64), types.float64
     user = types.CPointer(numba.typeof(system))
     return address_of(_set_step, *floats, types.int32, types.int32, types.int32, user)

@@ -1,4 +1,4 @@
-"""Behavioural sources of a load that turn on and off at every few steps of ngspice."""
+"""Detects behavioural sources of a load that toggle every few steps of ngspice."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from circuits.equivalent.assembly import Netlist
     from circuits.netlist.load_circuit import LoadCircuit
 
-# A source chatters if it jumps by half its greatest value at JUMPING_SHARE of the points while
-# steps are shorter than SLIDING_STEP of the usual one, in each of LOOKS checks a second apart. A
-# step load without a hysteresis jumps at two of five points, at steps of 3e-4. A pulse-width
-# modulation with thirty steps a period jumps at one of fifteen.
+# A source chatters if it jumps by half its largest value at JUMPING_SHARE of the points, with steps
+# shorter than SLIDING_STEP of the usual one, in each of LOOKS checks a second apart. A step load
+# without hysteresis jumps at two of five points, with steps of 3e-4; pulse-width modulation with
+# thirty steps per period at one of fifteen.
 JUMPING_SHARE, SLIDING_STEP, LOOKS = 0.125, 1e-2, 6
 # Fewest points of a check.
 FEWEST_POINTS = 200
@@ -34,7 +34,7 @@ class Chattering:
         self._names: list[str] = []
         trees = []
         levels = load.levels if load else ()
-        # Levels are the last measurements. Each is ("v", full name of the node, ground).
+        # Levels are the last measurements, each ("v", full name of the node, ground).
         level_trees = measurement.trees[len(measurement.trees) - len(levels) :]
         pins = {name: tree[1] for name, tree in zip(levels, level_trees, strict=True)}
         for source in jumping_sources(load.elements) if load else ():

@@ -1,7 +1,7 @@
 """The mechanical side as one compiled device: Verilog-A through openvaf-r to OSDI.
 
-Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
-made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
+The compiled file is cached in the user's cache folder under a name with digests of its source and
+its content: ngspice crashes on a damaged file, so files are checked first.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from harvester.base.surroundings import foreign_writers_of
 from harvester.base.temporary import TemporaryFolder
 
 COMPILER = "openvaf-r"
-# Compiles for a generic processor: all processors that share a cache then give the same last
-# digits.
+# Compile for a generic processor, so that all processors that share a cache give identical digits.
 OPTIONS = ("--target_cpu", "generic")
 TIME_LIMIT = 120.0
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
@@ -32,7 +31,7 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 def cache_folder() -> Path:
     """Cache folder of compiled devices: `harvester` below XDG_CACHE_HOME or ~/.cache.
 
-    A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
+    A relative XDG_CACHE_HOME is ignored: machine code is never loaded from the working folder.
     """
     base = os.environ.get("XDG_CACHE_HOME", "")
     return Path(base if os.path.isabs(base) else Path.home() / ".cache") / "harvester"
@@ -44,9 +43,9 @@ def find_compiler() -> str | None:
     Raises
     ------
     CompiledDeviceUnavailable
-        Neither is there.
+        Neither is installed.
     """
-    # Relative folders of PATH are left out: they would lead into the working folder.
+    # Relative folders of PATH are ignored: they would refer to the working folder.
     folders = filter(os.path.isabs, os.get_exec_path())
     compiler = shutil.which(COMPILER, path=os.pathsep.join(folders))
     if compiler is None:
@@ -63,14 +62,14 @@ def find_compiler() -> str | None:
 
 
 def compiled_file(text: str) -> Path:
-    """The compiled device of a Verilog-A text, from the cache or compiled now.
+    """Path of the compiled device of a Verilog-A text, from the cache or newly compiled.
 
-    Any number of processes may ask at once: each compiles in a separate folder and renames.
+    Concurrent processes are safe: each compiles in a separate folder and renames the file.
 
     Raises
     ------
     CompiledDeviceUnavailable
-        No compiler, it failed, or the cache folder cannot be written.
+        The compiler is missing or fails, or the cache folder cannot be written.
     """
     compiler = find_compiler()
     folder = cache_folder()
@@ -92,13 +91,13 @@ def compiled_file(text: str) -> Path:
 
 
 def has_osdi(engine: Any) -> bool:
-    """Whether this ngspice takes compiled devices."""
-    # Without a file the command has no effect. An ngspice without OSDI does not have it.
+    """Whether this ngspice supports compiled devices."""
+    # Without a file the command has no effect; an ngspice without OSDI does not know it.
     return "no such command" not in _answer(engine, "osdi")
 
 
 def load(engine: Any, text: str) -> None:
-    """Make a device known to an ngspice, which keeps it until its process ends.
+    """Load a device into an ngspice, which keeps it until its process ends.
 
     Parameters
     ----------
@@ -109,13 +108,13 @@ def load(engine: Any, text: str) -> None:
     Raises
     ------
     CompiledDeviceUnavailable
-        This ngspice has no OSDI, or `compiled_file` fails.
+        This ngspice lacks OSDI, or `compiled_file` fails.
     """
     if not has_osdi(engine):
         release = re.search(r"ngspice-[\w.+-]+", engine.version_text)
         name = release.group(0) if release else "this ngspice"
         raise CompiledDeviceUnavailable(
-            f"{name} has no OSDI: ngspice 46 of bookworm-backports has, see NGSPICE_LIBRARY_PATH"
+            f"{name} lacks OSDI: use ngspice 46 (bookworm-backports), see NGSPICE_LIBRARY_PATH"
         )
     path = compiled_file(text)
     # ngspice splits its commands at blanks, quoted or not.
@@ -126,17 +125,17 @@ def load(engine: Any, text: str) -> None:
 
 
 def _require_own(folder):
-    """Raise for a folder into which another user may put machine code."""
+    """Raise if another user could put machine code into the folder."""
     trouble = foreign_writers_of(folder)
     if trouble:
         raise CompiledDeviceUnavailable(
-            f"compiled devices are machine code, and {trouble}: take that right away (chmod go-w), "
+            f"compiled devices are machine code, and {trouble}: remove this right (chmod go-w), "
             "or set XDG_CACHE_HOME to a folder of your own"
         )
 
 
 def _is_whole(path):
-    """Whether a file's content matches the digest in its name, and it is the user's."""
+    """Whether a file belongs to the user and its content matches the digest in its name."""
     if path.is_symlink() or not path.is_file() or foreign_writers_of(path):
         return False
     return path.stem.partition("-")[2] == _digest(path.read_bytes())
@@ -148,7 +147,7 @@ def _compile(compiler, text, work, folder, key):
     _run(compiler, str(work / "harvester.va"), "-o", str(osdi_file), *OPTIONS)
     if not osdi_file.is_file():
         raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
-    # Nobody else may change it, whatever the umask.
+    # Nobody else can change it, whatever the umask.
     osdi_file.chmod(0o644)
     cached_file = folder / f"{key}-{_digest(osdi_file.read_bytes())}.osdi"
     os.replace(osdi_file, cached_file)
@@ -156,7 +155,7 @@ def _compile(compiler, text, work, folder, key):
 
 
 def _run(compiler, *arguments):
-    """Run the compiler and return its output; a failure raises its first words."""
+    """Run the compiler; raises with its first message if it fails."""
     try:
         done = subprocess.run(
             [compiler, *arguments], capture_output=True, text=True, timeout=TIME_LIMIT
@@ -177,7 +176,7 @@ def _digest(content):
 def _answer(engine, command):
     """ngspice's reply to a command, in one line."""
     heard = len(engine.messages)
-    # The text goes into an exception if it matters.
+    # An exception contains the text if it matters.
     with contextlib.redirect_stderr(io.StringIO()):
         engine.exec_command(command)
     return "; ".join(engine.messages[heard:])

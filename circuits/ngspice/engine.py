@@ -1,4 +1,4 @@
-"""The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
+"""The circuit engine: scene → netlist → ngspice; called by `harvester.engines.realization`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def run_realizations(
 ) -> dict[str, str]:
     """Run realizations side by side in one netlist through ngspice; see `Engine`.
 
-    `circuit` is a `harvester.engines.methods.Circuit`. A PWL source takes one realization.
+    `circuit` is a `harvester.engines.methods.Circuit`. A PWL source supports one realization.
     """
     scene, system = ready.scene, ready.system
     engine = session()
@@ -80,7 +80,7 @@ def _compiled(engine, ready, device):
     Raises
     ------
     CompiledDeviceUnavailable
-        It was asked for and is off, or lacks parts that the scene needs.
+        The compiled device was requested but is unavailable, or lacks parts of the scene.
     """
     if device == "behavioural" or ready.scene.excitation.prescribes_displacement:
         return False
@@ -91,13 +91,13 @@ def _compiled(engine, ready, device):
 
 
 def version(engine: Session) -> str:
-    """ngspice's name and number, "ngspice-39"."""
+    """ngspice's name and version, "ngspice-39"."""
     match = re.search(r"ngspice-[\w.+-]+", engine.version_text)
     return match.group(0) if match else "ngspice"
 
 
 def describe(report: Callable) -> dict[str, Any]:
-    """Library, version and features of the ngspice found, for `harvester engine` (in a worker)."""
+    """Library, version and features of ngspice, for `harvester engine` (called in a worker)."""
     engine = session()
     text = engine.version_text
     return {

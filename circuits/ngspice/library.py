@@ -1,4 +1,4 @@
-"""Location of the ngspice library and its code models; start without initialisation files."""
+"""Locates the ngspice library and its code models; hides initialisation files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def find_library() -> str:
     Raises
     ------
     EngineNotFound
-        None does; the message names a remedy.
+        No library loads; the message names a remedy.
     """
     import ctypes
 
@@ -63,7 +63,7 @@ def find_library() -> str:
 
 
 def code_models(library: str) -> list[Path]:
-    """ngspice's code models, next to the library; another release's crash it.
+    """ngspice's code models next to the library; those of another release would crash it.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def code_models(library: str) -> list[Path]:
     Returns
     -------
     list of pathlib.Path
-        Sorted; none where there are none.
+        Sorted; may be empty.
     """
     home = _loaded_from(library).parent
     folders = (home / "ngspice", home.parent / "lib" / "ngspice")
@@ -84,9 +84,9 @@ def code_models(library: str) -> list[Path]:
 def no_initialisation_files() -> Iterator[None]:
     """Hide ngspice's initialisation files while it starts within the block.
 
-    It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
-    and at home, and reads the first of these. Home follows from the system's list of users, not
-    HOME: an empty one in the working folder keeps it from there.
+    ngspice reads spinit below SPICE_LIB_DIR, then the first of .spiceinit and spice.rc in the
+    working folder and the home folder. It finds the home folder without HOME, so an empty file in
+    the working folder hides that one.
     """
     before = dict(os.environ)
     with TemporaryFolder() as empty, contextlib.chdir(empty):
@@ -103,7 +103,7 @@ def no_initialisation_files() -> Iterator[None]:
 
 
 def _loaded_from(library):
-    """The file of a library that is loaded, after symbolic links."""
+    """The file of a loaded library, with links resolved."""
     import ctypes
 
     class Place(ctypes.Structure):

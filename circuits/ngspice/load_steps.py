@@ -1,9 +1,9 @@
-"""Steps that resolve a load: switching events, and exchanges of capacitors and coils.
+"""Steps that resolve a load's switching events and the energy exchange of capacitors and coils.
 
-ngspice's own control by the local error asks of every capacitor and coil the same relative
-accuracy, whatever energy it holds, so that an idle coil's ringing takes most of the steps; and it
-finds a switch's turn by rejected steps, after each of which comes one of first order. Here what a
-step leaves is weighed by its energy, and a turn is approached from before.
+ngspice's control by the local error requires the same relative accuracy of every capacitor and
+coil, whatever its energy, so that an idle coil's ringing takes most of the steps. It also locates
+switching events by rejected steps, each followed by a first-order step. Here errors are weighted by
+energy, and a switching event is approached from before.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ import numpy as np
 
 from harvester.base.compilation import uncounted
 
-# Largest error of a step in a capacitor or a coil: the root of the error's energy over the root of
-# the greatest recent energy.
+# Largest error of a step in a capacitor or coil: the root of the error's energy over the largest
+# recent energy.
 TOLERANCE = 5e-5
-# Shortest step that the load may ask for, and the first one after a switch has turned where ngspice
-# does not control the local error, both as shares of the grid's step.
+# Shortest step for the load, and first step after a switching event if ngspice does not control the
+# local error, as shares of the grid step.
 SHORTEST, RESTART = 2.0**-10, 2.0**-13
 # Largest ratio of a step to the previous one.
 GROWTH = 2.0
-# A step takes this share of the time left to a switch's turn. ngspice takes a step back that ends
-# less than 1.2 of the control's last change from the threshold: 0.45 leaves 0.55/0.45 = 1.22.
+# A step takes this share of the time left to a switching event. ngspice repeats a step that ends
+# nearer to the threshold than 1.2 times the control's last change: 0.45 leaves 0.55/0.45 = 1.22.
 APPROACH = 0.45
-# A step takes this share of the time left until a coil's current reaches zero, where a diode in
-# series ends it. A current below IDLE times the allowed error is not watched.
+# A step takes this share of the time left to a zero of a coil's current, where a series diode ends
+# it. A current below IDLE times the allowed error is ignored.
 COIL_APPROACH, IDLE = 0.5, 10.0
-# A turn is located to LOCATED of the switch's hysteresis, since a control that overshoots may turn
-# another switch. It is not located better than LEAST_LOCATED of the shortest step, or than that
-# step of the default grid under control by the local error: in shorter steps ngspice's Newton
+# A switching event is located to LOCATED of the switch's hysteresis, since a control that
+# overshoots may toggle another switch. The best accuracy is LEAST_LOCATED of the shortest step, or
+# under control by the local error that step of the default grid: in shorter steps ngspice's Newton
 # iterations fail.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 # SHORTEST, RESTART and LOCATED of an endlessly toggling switch, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
-# Radians of the device's natural frequency over which the greatest recent energy is remembered.
+# Memory of the largest recent energy, in radians of the device's natural frequency.
 MEMORY = 15.0
-# Accepted points from which the third derivative is computed, and steps after which it exists.
+# Number of accepted points for the third derivative.
 POINTS = 4
 # States of a switch in `memory`. Their order matters: a switch that may still close is below
 # CLOSED, one that may still open is above OPEN.
@@ -56,7 +56,7 @@ def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, fl
 
 @uncounted
 def limits_of_turn(limits: Any, turn: float) -> tuple[float, float, float]:
-    """Limits for endlessly toggling switches whose controls follow within this time (s)."""
+    """Limits for endlessly toggling switches with this time constant of the control (s)."""
     shortest, least_located, restart = limits
     steps = TURN_STEPS[0] * turn, TURN_STEPS[1] * turn, TURN_STEPS[2] * turn
     return min(shortest, steps[0]), min(least_located, steps[1]), min(restart, steps[2])
@@ -88,17 +88,15 @@ def resolving_step(
     stores : ndarray, shape (stores, 2)
         F or H, and 1 for a coil.
     memory : ndarray, shape (switches + 1,)
-        Which switches are open, unknown or closed, and twice the energy that counts (J); kept up
-        to date.
+        States of the switches (open, unknown, closed), and twice the reference energy (J); updated.
     energy : float
         Twice the present energy of the transducer (J).
     forgotten : float
-        Share of the greatest energy that is forgotten in a second (1/s).
+        Decay rate of the largest recent energy (1/s).
     tolerance : float
         See `TOLERANCE`.
     limits : (float, float, float)
-        Shortest step that the load asks for, how well at best a turn is known, and the longest step
-        after one (s).
+        Shortest step for the load, best accuracy of a switching event, longest step after one (s).
     longest : float
         Longest step allowed (s).
     """
@@ -124,7 +122,7 @@ def resolving_step(
 
 @uncounted
 def _turns(history, now, last, switches, memory, limits, longest):
-    """Longest step that resolves the switches' turns, `last` being the one before."""
+    """Longest step that resolves the switching events; `last` is the previous step."""
     shortest, least_known, restart = limits
     points, times, first = history
     for k in range(len(switches)):
@@ -140,8 +138,8 @@ def _turns(history, now, last, switches, memory, limits, longest):
         elif control < opens:
             memory[k] = OPEN
         elif (state < CLOSED and expected > closes) or (state > OPEN and expected < opens):
-            # ngspice turns the switch by the predicted control; the turn itself may have reversed
-            # it.
+            # ngspice toggles the switch by the predicted control, which the switching may have
+            # reversed.
             memory[k], state = UNKNOWN, -1.0
         if memory[k] != state:
             longest = min(longest, restart)

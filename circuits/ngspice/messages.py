@@ -1,4 +1,4 @@
-"""ngspice's messages, classified by stream and form, not by names or titles within them."""
+"""Classifies ngspice's messages by stream and form, not by names or titles in them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 from circuits.netlist.load_circuit import LoadCircuit
 
-# Matches the beginning of a line by which ngspice refuses a netlist or ends a run. Lines of the
-# netlist that it repeats begin with an element's flat name or a dot.
+# Matches the beginning of a line with which ngspice rejects a netlist or ends a run. Quoted lines
+# of the netlist begin with an element's flat name or a dot.
 _FAULT = re.compile(r"(?:fatal |internal |pt)?error(?=[:!,]| -| on line| in )", re.I)
 _MISSING = re.compile(r"(?:could not|can't|cannot|unable to|no such|undefined|unknown) .*", re.I)
 _IGNORED = re.compile(r"unrecognized parameter \(.*\) - ignored", re.I)
 _ENDED = re.compile(r"doAnalyses: (?:TRAN: *)?", re.I)
 _SINGULAR = re.compile(r"warning: (?=singular matrix)", re.I)
-# Matches lines that only announce or repeat a fault, or say that it is worked around.
+# Matches lines that only announce or repeat an error, or report a workaround.
 _EMPTY = re.compile(
     r"(note:|error on line|line no\.|command '|trying |supplies reduced |any of the following"
     r"|warning: (model issue|there is no circuit)|warning:.*(step|increment)"
@@ -25,19 +25,19 @@ _EMPTY = re.compile(
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
 MOST_REASONS = 3
-# Matches the message on steps that are too small. Causes are switches, and coils with inductance.
+# Matches the message on too small steps. Causes are switches, and coils with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
-# Matches reasons that other options of the integration may cure.
+# Matches reasons that other integration options may cure.
 _NEWTON = re.compile(
     "timestep too small|trouble with|singular matrix|no convergence|iteration", re.I
 )
 _AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
-_CHATTER = "; its own effect turns it back again and again: give it a hysteresis, or a wider one"
+_CHATTER = "; its own effect toggles it back repeatedly: give it a hysteresis, or a wider one"
 _CUT_OFF = (
-    "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
-    "coil.inductance = 0, which changes little while ωL is far below the resistances"
+    "; the inductance maintains the coil's current, but the switching load interrupts it: set "
+    "coil.inductance = 0, which changes little if ωL is far below the resistances"
 )
-# Longest reason that is shown, in characters: some messages repeat a whole expression.
+# Longest displayed reason, in characters: some messages contain a whole expression.
 LONGEST_REASON = 200
 # Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
 # model follows a colon, as in "xload:ideal".
@@ -46,9 +46,9 @@ _FLAT = re.compile(
 )
 # Matches the nodes at a load's pins and the current into it.
 _PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
-# Letters of elements, those first that Newton's iterations fail at most often.
+# Letters of elements, in the order of how often Newton's iterations fail at them.
 _LETTERS = "bmqjdswegfhvilcr"
-# Largest number of elements at a node that are named.
+# Largest number of elements at a node that are listed.
 NAMED = 2
 
 
@@ -65,13 +65,13 @@ def refusal(lines: list[Any]) -> str:
     first = next(refused, None)
     if first is None:
         return ""
-    # The element's model comes before the fault.
+    # The element's model precedes the error.
     start = max(first - 2, 0) if _IGNORED.fullmatch(lines[first].strip()) else first
     return _told(lines[start:])
 
 
 def abortion(lines: Sequence[str]) -> str:
-    """Why a run ended early, in one line; empty where ngspice gave no reason."""
+    """Why a run ended early, in one line; empty if ngspice gave no reason."""
     reasons = [
         line
         for line in lines
@@ -81,7 +81,7 @@ def abortion(lines: Sequence[str]) -> str:
 
 
 def advice(reason: str, drives_current: bool) -> str:
-    """Advice to append to the reason for which a run ended early; may be empty.
+    """Advice to append to the reason of an early end; may be empty.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def advice(reason: str, drives_current: bool) -> str:
 
 
 def _told(lines):
-    """One line from ngspice's messages: the element that they name, then the reasons."""
+    """Summarize ngspice's messages in one line: the element, then the reasons."""
     subject, reasons = "", {}
     for line in map(str.strip, lines):
         match = _SUBJECT.fullmatch(line)
@@ -119,7 +119,7 @@ def fails_to_converge(reason: str) -> bool:
 
 
 def with_places(message: str, load: LoadCircuit | None) -> str:
-    """A message of ngspice's with the names of a load's elements as its files give them."""
+    """Replace flat names in a message of ngspice by the names in the load's files."""
     if load is None:
         return message
     placed = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
@@ -130,7 +130,7 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
 
 
 def _named(flat, quote, load):
-    """ "dupper (bridge.lib:24)", or the bare name if it is no element but a node."""
+    """ "dupper (bridge.lib:24)" for an element, or the name of a node."""
     path = re.split("[.:]", flat.removesuffix("#branch"))
     # The element's letter is repeated between the calls.
     full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)

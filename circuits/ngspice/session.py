@@ -63,21 +63,21 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.statistics.output_moments import OutputMoments
 
-# The impact speed is held from the beginning of the contact, located within this share of the
+# Accuracy of the beginning of a contact, from which the impact speed is held, as a share of the
 # contact's step.
 LANDING = 1.0 / 32.0
 
-# The voltage of charge that the base moves follows the excitation's slope, which jumps at each
-# sample. The trapezoidal rule rings on where this voltage decays within a step: a power was up to
-# 11 times too high. Where that costs more than RINGING, steps double after each sample from SETTLED
-# of the decay time on.
+# The voltage of charge moved by the base follows the excitation's slope, which jumps at each
+# sample. If this voltage decays within a step, the trapezoidal rule rings: powers were up to 11
+# times too high. If the error exceeds RINGING, steps double after each sample, starting from
+# SETTLED of the decay time.
 RINGING, SETTLED = 0.01, 0.25
 
 _session = None
 
 
 def session() -> Session:
-    """The process's only session, opened when first asked for.
+    """The process's only session, opened at the first call.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Session(NgSpiceShared):
     Attributes
     ----------
     circuit_load : circuits.netlist.load_circuit.LoadCircuit or None
-        The load of the netlist at hand, whose elements messages are to name.
+        The load of the present netlist, for names in messages.
     """
 
     circuit_load = None
@@ -130,12 +130,12 @@ class Session(NgSpiceShared):
                 self.exec_command(f"codemodel ./{model.name}")
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
-        # Otherwise newer releases read a system file at every step.
+        # Otherwise newer releases would read a system file at every step.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
 
     def compiled_device_is_off(self, system: System) -> str:
-        """Why there is no compiled device with these parts; empty where it is loaded."""
+        """Reason why there is no compiled device with these parts; empty if it is loaded."""
         try:
             name, text = compact_model.module_of(system)
         except CompiledDeviceUnavailable as reason:
@@ -149,7 +149,7 @@ class Session(NgSpiceShared):
         return self._compiled_devices[name]
 
     def prepare(self, system: System) -> None:
-        """Load the compiled code that the first point of this device would wait for."""
+        """Load the compiled code that the first point of this device needs."""
         nodes = np.zeros((0, callbacks.COLUMNS))
         record = empty_record(0)
         convert(system, np.zeros(2), np.zeros(0), nodes, record, 1.0, (1.0,) * 4)
@@ -180,13 +180,13 @@ class Session(NgSpiceShared):
         steps_per_sample : int
             Steps between knots; 0 leaves the steps to ngspice.
         steps_per_contact : int
-            Fewest steps from the beginning of a contact to its end, where they are not.
+            Fewest steps from the beginning of a contact to its end.
         local_error : bool
-            Between knots, ngspice's own step is taken where it is shorter.
+            Whether ngspice's step is used if it is shorter.
         refinement : float
-            Number by which the default step is divided.
+            Divisor of the default step.
         outputs : sequence of harvester.statistics.output_moments.OutputMoments or None
-            For a load that has an output side, one for each copy.
+            One per copy, for a load with an output.
 
         Returns
         -------
@@ -285,7 +285,7 @@ class Session(NgSpiceShared):
         state["turn"] = watch.turn
 
     def _begin_planning(self, netlist):
-        """Plan when the load's sources change, if any of them does."""
+        """Plan steps for the load's time-varying sources, if there are any."""
         state, schedule = self.state[0], netlist.schedule
         self._moves = schedule.steps(netlist.step) if schedule else None
         self._next_planned = 0
@@ -294,7 +294,7 @@ class Session(NgSpiceShared):
         state["jumped"] = state["jump_width"] = 0.0
 
     def _plan_ahead(self):
-        """The plan of the next steps of the grid."""
+        """Plan the next steps of the grid."""
         state = self.state[0]
         assert self._moves is not None
         self._plan = self._moves.plan(self._next_planned, AHEAD)
@@ -314,13 +314,13 @@ class Session(NgSpiceShared):
         return 0
 
     def _flush(self):
-        """Turn the buffered node values into records and hand them on."""
+        """Convert the buffered node values to records and pass them to the observers."""
         state = self.state[0]
         count = int(state["count"])
         if count == 0:
             return
         state["count"] = 0
-        # Points beyond the end of the run are left out of the record.
+        # Points beyond the end of the run are not recorded.
         count = int(np.searchsorted(self._times[:count], self._netlist.stop * (1.0 + 1e-9)))
         if count == 0:
             return
@@ -331,7 +331,7 @@ class Session(NgSpiceShared):
         start = 1 if times[0] == 0.0 else 0
         self._time_reached = float(times[-1])
         if growth := self._unbounded(self._time_reached, nodes):
-            # No other option is tried: Gear's rule would damp a real growth away.
+            # Other options are not tried: Gear's rule would damp a real growth.
             raise SimulatorAborted(growth)
         chunk = part(self._record, 0, count - start)
         rate, units = self._netlist.rate, units_of(self._netlist)
@@ -352,7 +352,7 @@ class Session(NgSpiceShared):
 
     @contextlib.contextmanager
     def _watched(self):
-        """Within the block, end a run that makes no progress: ngspice would try endlessly."""
+        """End a run without progress within the block: ngspice would try endlessly."""
         done = threading.Event()
         threading.Thread(target=self._watch, args=(done,), daemon=True).start()
         try:
@@ -391,7 +391,7 @@ class Session(NgSpiceShared):
         return self._said(f"{RUNAWAY}{suspicion(self.circuit_load)}")
 
     def _move_window(self):
-        """Drop the knots that are past and read as many new ones."""
+        """Discard past knots and read an equal number of new ones."""
         state = self.state[0]
         passed = int(state["knots"]) - 2 * callbacks.KNOTS_KEPT_BEHIND
         for window, path in zip(self._window, self._paths, strict=True):
@@ -412,12 +412,12 @@ class Session(NgSpiceShared):
         self._announce("was running the netlist")
 
     def _announce(self, doing):
-        """Print ngspice's next action: if it crashes, the error quotes this line."""
+        """Print ngspice's next action, which the error quotes if ngspice crashes."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _abortion(self):
-        """The error of a run that ended early: `NotConverged` if other options may help."""
+        """The exception for a run that ended early: `NotConverged` if other options may help."""
         self._doing = f"stopped at t = {self._time_reached:g}"
         reason = messages.abortion(self.errors)
         advice = messages.advice(reason, self._netlist.drives_current)
@@ -426,7 +426,7 @@ class Session(NgSpiceShared):
         return (NotConverged if failed else SimulatorAborted)(self._said(reason + advice))
 
     def _said(self, trouble):
-        """ngspice's error messages, with the load's own names."""
+        """ngspice's error messages, with names from the load's files."""
         trouble = messages.with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
 
@@ -464,8 +464,6 @@ class Session(NgSpiceShared):
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):
-        """Callback for ngspice wanting to exit: end this process with ngspice's messages as its
-        error.
-        """
+        """Callback for ngspice's exit: end this process with ngspice's messages as the error."""
         words = messages.refusal(self.errors) or messages.abortion(self.errors)
         give_up(SimulatorAborted(self._said(words)))

@@ -1,4 +1,4 @@
-"""Names of the vectors to read from ngspice's solution, and their conversion to a record."""
+"""Names of the vectors in ngspice's solution, and their conversion to a record."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
     Yields
     ------
     tuple of str
-        Vectors in the order of `circuits.ngspice.callbacks`; missing ones are left out.
+        Vectors in the order of `circuits.ngspice.callbacks`, without missing ones.
     """
     columns = (
         elements.DISPLACEMENT,
@@ -53,7 +53,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
 
 
 def _watched(name, pins):
-    """ngspice's name of an unknown that a load's measure is made of."""
+    """ngspice's name of an unknown in a load's measure."""
     if name in pins:
         return name.removeprefix(elements.PIN)
     if name.startswith("i("):
@@ -63,7 +63,7 @@ def _watched(name, pins):
 
 
 def units_of(netlist: Netlist) -> tuple[float, float, float, float]:
-    """Scaled values of a volt, of the state's volt or ampere, of an ampere and of a watt."""
+    """Scaled values of 1 V, of the state's unit (1 V or 1 A), of 1 A and of 1 W."""
     return (
         1.0 / netlist.voltage_scale,
         1.0 / netlist.state_unit,
@@ -82,10 +82,10 @@ def convert(
     rate: float,
     units: tuple[float, float, float, float],
 ) -> None:
-    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
+    """Convert times, shape (n,), and node values, shape (n, COLUMNS), to a scaled record.
 
-    `free` are the displacements between which no contact acts. `units` come from `units_of`,
-    the unit of power being 0 if no ammeter measures the load's current: a resistor's power then
+    `free` are the displacements between which no contact is active. `units` come from `units_of`;
+    the unit of power is 0 if no ammeter measures the load's current: a resistor's power then
     follows from the state.
     """
     per_volt, per_state, per_ampere, per_power = units

@@ -20,17 +20,17 @@ class Averages:
     mean_transducer_loss
         Power lost in leak or winding, s⁻³.
     share_in_wells : float or None
-        Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
-        averaged over orbits.
+        Probability of the orbits inside a well; 0 for a monostable device. None for closures that
+        do not average over orbits.
     numerical_error
         Numerical error of each mean above, and of the means in `between_wells`.
     density : OrbitDensity or GridDensity
-        Densities of displacement, velocity and both; of the second of the terminal voltage as well.
+        Densities of displacement, velocity and both; `GridDensity` also of the terminal voltage.
     between_wells : dict of str to float
-        Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if
-        asked for `slowest_decay_rate` and the rates of jumps that
-        `harvester.device.cores.jump_rates` names (1/s), and, unless they follow from symmetry,
-        `share_of_time_in_well_1` and so on from the left.
+        Quantities of `fokker_planck` for several wells with jumps between them:
+        `well_crossing_rate`; on request `slowest_decay_rate` and the rates named by
+        `harvester.device.cores.jump_rates` (1/s); without symmetry also `share_of_time_in_well_1`
+        and so on from the left.
     """
 
     mean_square_voltage: float

@@ -19,13 +19,13 @@ class StationaryMethod(NamedTuple):
     Attributes
     ----------
     average : callable
-        Function of a device, a tolerance and whether the memory between wells is wanted; gives
-        `Averages`. With `of_spectrum` of the prepared scene and a tolerance.
+        Function of a device, a tolerance and whether to compute the memory between wells; returns
+        `Averages`. With `of_spectrum`: function of the prepared scene and a tolerance.
     tolerance : float
-        Largest numerical error that is an answer, as a share of it, unless another is asked for.
+        Default of the largest accepted relative numerical error.
     of_spectrum : bool
-        Whether it takes the prepared scene, with any spectrum of its excitation, instead of the
-        device with the noise of Eq. 6.
+        Whether the excitation may have any spectrum (argument: the prepared scene), instead of the
+        noise of Eq. 6 only.
     """
 
     average: Callable
@@ -53,17 +53,17 @@ def average(
     device : harvester.device.system.System
     closure : {"paper", "consistent", "fokker_planck"}
     tolerance : float, optional
-        Largest numerical error that is an answer, as a share of it; the closure's own by default.
-        `fokker_planck` refines its grid until it is met.
+        Largest accepted relative numerical error; by default the closure's own. `fokker_planck`
+        refines its grid until it is met.
     memory : bool
         For `fokker_planck`: also find the slowest decay rate between wells.
 
     Raises
     ------
     AveragingError
-        Unknown closure; motion that nothing confines or damps; means that the grid does not
-        resolve. Of the first two also a device other than the source paper's, noise that outlasts
-        the relaxation time, and β ≥ ω0² of a bistable device.
+        Unknown closure; unconfined or undamped motion; means that the grid does not resolve. For
+        `paper` and `consistent` also: a device unlike the source paper's, a noise correlation time
+        above the relaxation time, β ≥ ω0² of a bistable device.
 
     Notes
     -----
@@ -73,10 +73,10 @@ def average(
     where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. The page
     docs/explanation/theory.md compares these choices.
 
-    `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
-    contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.
-    The densities of `paper` have a step at the separatrix; the densities of `consistent`, whose
-    wells and outer orbits overlap in the phase plane, have one at the ends of each.
+    `consistent` is for motion inside a well: it neglects the slow part of V after a jump. Noise and
+    contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low. The
+    densities of `paper` have a step at the separatrix. In `consistent` wells and outer orbits
+    overlap in the phase plane, and the densities have a step at the end of each.
     """
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)
@@ -103,5 +103,5 @@ CLOSURES: Registry[StationaryMethod] = Registry(
         "spectral": StationaryMethod(partial(_by, "spectral:spectral"), 1e-6, of_spectrum=True),
     },
 )
-# Closures that take the noise of Eq. 6, also for devices that are not linear.
+# Closures that support the noise of Eq. 6, also for nonlinear devices.
 NOISE_CLOSURES = tuple(name for name, closure in CLOSURES.items() if not closure.of_spectrum)

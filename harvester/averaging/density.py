@@ -8,12 +8,12 @@ from scipy.interpolate import CubicSpline
 
 from harvester.averaging.orbits import OrbitFamily
 
-# The interval between two computed orbits is divided into this many by interpolation.
+# Number of parts into which interpolation divides the interval between two computed orbits.
 FINER = 10
 # Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
 # orbits.
 EVEN, TURNING = 100, 100
-# Number of even intervals over which a density of X' is summed, besides those between orbits.
+# Number of even intervals for the integral of a density of X', in addition to those between orbits.
 PIECES = 1500
 # Orbits with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
@@ -27,9 +27,9 @@ class Layer:
     logarithm
         Logarithm of the value on each orbit.
     filled : bool
-        Whether the area inside the innermost orbit has that orbit's value; else it is left out.
+        Whether the area inside the innermost orbit has that orbit's value; else 0.
     floor
-        Taken off the value.
+        Subtracted from the value.
     """
 
     def __init__(
@@ -48,13 +48,12 @@ class Layer:
         return self._energy - self.orbits.edge.energy(x, self._added)
 
     def _values(self, kinetic, square):
-        """Values at ½X'² = `square`, interpolated between orbits, on which ½X'² is `kinetic`
-        there."""
+        """Values at ½X'² = `square`, interpolated between orbits with ½X'² = `kinetic`."""
         values = np.exp(np.interp(square, kinetic, self._fine, left=self._within)) - self._floor
         return np.where(square <= kinetic[-1], values, 0.0)
 
     def at(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
-        """Value at (x, v), arrays that broadcast, with x on the edge's own side."""
+        """Value at (x, v), arrays that broadcast, with x on the side of the edge's orbits."""
         x, v = np.broadcast_arrays(x, v)
         values, order = np.zeros(x.shape), np.argsort(x, axis=None)
         for same in np.split(order, 1 + np.flatnonzero(np.diff(x.flat[order]))):
@@ -74,7 +73,7 @@ class Layer:
         return totals
 
     def over_displacement(self, v: np.ndarray) -> np.ndarray:
-        """Integral over the edge's own side at each v of a one-dimensional array."""
+        """Integral over the side of the edge's orbits at each v of a one-dimensional array."""
         left, right = self.orbits.left, self.orbits.right
         even = np.linspace(left[-1], right[-1], PIECES + 1)
         x, weights = _quadrature(np.unique(np.concatenate([left[::4], right[::4], even])))
@@ -82,14 +81,14 @@ class Layer:
 
 
 def _quadrature(ends):
-    """Two nodes of Gauss and Legendre on every piece between ascending ends, and their weights."""
+    """Two Gauss–Legendre nodes on every interval between ascending ends, and their weights."""
     half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
     return np.append(middle - half / np.sqrt(3.0), middle + half / np.sqrt(3.0)), np.tile(half, 2)
 
 
 @dataclass(frozen=True)
 class OrbitDensity:
-    """Stationary probability densities, the sum over some layers; methods are vectorised."""
+    """Stationary probability densities, each a sum over layers; methods are vectorised."""
 
     layers: tuple[Layer, ...]
 
@@ -122,9 +121,7 @@ class OrbitDensity:
         )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Table of a density (points, values), over its relevant range and finer where orbits
-        crowd.
-        """
+        """Table of a density (points, values), finer where orbits are dense."""
         turning = self._turning(name)
         crowded = turning[np.linspace(0, turning.size - 1, TURNING).astype(int)]
         half = np.unique(np.append(crowded, np.linspace(turning[0], turning[-1], EVEN)))
@@ -133,9 +130,7 @@ class OrbitDensity:
         return np.append(-half[mirrored], half), np.append(values[mirrored], values)
 
     def _turning(self, name):
-        """Turning points (or greatest speeds) of the relevant orbits: with them in the table no
-        well is missed, however narrow.
-        """
+        """Turning points (or greatest speeds) of the orbits: the table then misses no well."""
         least = NEGLIGIBLE + max(layer.logarithm.max() for layer in self.layers)
         points = [[] if name == "displacement" else [0.0]]
         for layer in self.layers:

@@ -1,9 +1,8 @@
-"""Flow of a grid's nodes in one step with Z and η fixed, and distribution of their mass among
-nodes.
+"""Flow of a grid's nodes in one step at fixed Z and η, and redistribution of their mass.
 
-The paths are integrated by the method of Dormand and Prince of order five, each with its own
-steps, so that a short contact costs only the paths that touch. The mass that arrives between nodes
-is shared among six by six of them, so that its moments up to the fifth are preserved.
+The paths are integrated by the Dormand–Prince method of order five, each with its own steps, so
+that a short contact slows only the paths in contact. The mass that arrives between nodes is shared
+among six by six of them, so that its moments up to the fifth are preserved.
 """
 
 from typing import NamedTuple
@@ -42,9 +41,9 @@ class PhaseGrid(NamedTuple):
     x, v
         Evenly spaced displacements and velocities.
     z
-        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
+        Nodes of Z, ascending; a single node for a transducer without a state.
     mirrored : bool
-        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
+        Only the upper half of `z` is stored: the other half follows by (X, X', Z, η) → −(X, X', Z,
         η). All nodes are then symmetric about 0.
     modes : Hermite functions of η; one for white noise.
     step
@@ -70,24 +69,24 @@ class PhaseGrid(NamedTuple):
 
     @property
     def push_bytes(self) -> int:
-        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
+        """Bytes of the noise's matrices for whole and half steps, including temporary memory."""
         complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
         return 16 * complex_matrices
 
 
 def shared_ends(device: System, grid: PhaseGrid) -> tuple[np.ndarray, ...]:
-    """For `shared`: the nodes around the end of each node's path after a step, and their shares of
-    its mass.
+    """For `shared`: nodes around the end of each node's path after a step, and their shares of its
+    mass.
 
     Returns
     -------
     tuple of ndarray
-        First nodes of X (X, kept Z, X') and shares (X, kept Z, X', nodes); the same of X'.
+        First nodes of X (X, stored Z, X') and shares (X, stored Z, X', nodes); the same of X'.
 
     Raises
     ------
     AveragingError
-        A contact so short, or a spring so stiff, that the paths take too many steps.
+        A contact is so short, or a spring so stiff, that the paths need too many steps.
     """
     nodes = len(grid.x) * len(grid.kept) * len(grid.v)
     most = min(MOST_TRIALS, MOST_OF_ALL_PATHS / nodes)
@@ -143,8 +142,7 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
                         # The last stage is at the end.
                         path_x, speeds[0], pushes[0] = stage_x, speeds[-1], pushes[-1]
                         left -= h
-                    # A step that only the end of the interval made short does not limit the next
-                    # one.
+                    # A step shortened only by the end of the interval does not limit the next one.
                     if off > 1.0 or h == length or change < 1.0:
                         length = h * change
                     trials += 1.0
@@ -157,8 +155,8 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
 def _neighbours(places, nodes, width):
     """Index of the first of the nodes around each position, and their shares of its mass.
 
-    Those of six of them are Lagrange's weights, and none of the others'. Mass beyond the last node
-    stays there.
+    Six nodes share it by Lagrange's weights, the others have none. Mass beyond the last node stays
+    there.
     """
     position = np.clip((places - nodes[0]) / (nodes[1] - nodes[0]), 0.0, nodes.size - 1.0)
     neighbour = np.clip(position.astype(np.int32) - 2, 0, nodes.size - NEIGHBOURS)
@@ -171,7 +169,7 @@ def _neighbours(places, nodes, width):
 
 @compiled
 def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Lagrange's weights, by which a mass at each point is shared among all nodes: (..., nodes)."""
+    """Lagrange's weights that share a mass at each point among all nodes: (..., nodes)."""
     weights = np.ones((places.size, nodes.size))
     for n, position in enumerate(places.flat):
         for node in range(nodes.size):
@@ -213,7 +211,7 @@ def _add_multiple(typingctx, target, here, factor, source, there):
 def _share(state, first_x, by_x, first_v, by_v, moved):
     """Distribute each node's mass to `moved`, layer by layer so that a layer stays in the cache."""
     rows, layers, modes, columns = state.shape
-    # Flat arrays and unsigned numbers: no index is then checked for being negative.
+    # Flat arrays and unsigned indices avoid the checks for negative indices.
     source, target = state.reshape(-1), moved.reshape(-1)
     to_x, to_v = first_x.reshape(-1), first_v.reshape(-1)
     share_x, share_v = by_x.reshape(-1), by_v.reshape(-1)

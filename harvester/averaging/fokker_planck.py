@@ -1,14 +1,15 @@
 """Closure `fokker_planck`: the stationary density of (X, X', Z, η), without averaging.
 
-The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
-`propagator`. The distribution that P, the propagator over about one period, leaves unchanged is the
-stationary density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid,
-which shows how far the grid must reach and how fine it must be (`region`). What the first grid for
-the answer misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected
-from the one before, until it is less than the tolerance.
+The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is advanced in time by
+`propagator`. The stationary density is invariant under P, the propagator over about one period:
+(1 − P) p = 0 (`solution`). The iteration starts from a Gibbs density on a coarse grid, which shows
+the range and resolution that the grid needs (`region`). The error of the next grid is estimated on
+grids that are finer in time, in X and X' or in Z, each solution a start for the next, until it is
+less than the tolerance.
 
-Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
-the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
+The method makes no assumptions on the device's symmetry, the noise's correlation time, the
+contacts' damping or the load's rate. If motion hardly ever leaves its well, the grid covers only
+one well (`wells`).
 """
 
 import numpy as np
@@ -25,27 +26,26 @@ from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
 from harvester.device.system import System
 
-# The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
+# The coarse grid that determines the region, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
 # Nodes of Z for each decade of the tolerance; the error falls exponentially with their number.
 NODES_PER_DECADE = 3.0
-# No pair of grids shows the errors of the range, of the nodes of Z and of the iteration's end:
-# together they are stated as this share of the tolerance.
+# No pair of grids shows the errors of the range, of the nodes of Z and of the convergence
+# criterion: their sum is stated as this share of the tolerance.
 UNSEEN_ERROR = 0.2
 # If λ times the period is below this, and motion leaves its well less often than the charge decays,
 # the error of the nodes of Z is not small: jumps are much more frequent at some nodes than at
-# others. A grid with more of them then shows it.
+# others. A grid with more nodes of Z then shows it.
 SLOW_CHARGE = 0.1
 # If refining the nodes changes every mean by less than SPARSE_GRID_CHANGE of the tolerance, the
 # time-step error is estimated on the coarser grid, which is cheaper. This does not hold if the
-# charge decays slower than a period and the rate of saddle crossings changes by more than
-# SPARSE_GRID_CROSSINGS of itself: on few nodes each further step smears more density over the
-# saddle.
+# charge decays slower than a period and the relative change of the rate of saddle crossings exceeds
+# SPARSE_GRID_CROSSINGS: on few nodes each further step smears more density over the saddle.
 SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
-# Coarse grids tried until one covers the density that it gives.
+# Largest number of coarse grids that are tried until one covers its own density.
 REGION_ATTEMPTS = 8
-# Devices with shorter contacts, in periods of small oscillations, are refused.
+# Shortest contact, in periods of small oscillations; devices with shorter ones are rejected.
 SHORTEST_CONTACT = 2e-2
 # λ times the period: above the first value steps would be too short; below the second so many
 # vectors would be needed that means are extrapolated from faster rates instead.
@@ -60,12 +60,12 @@ CONTINUED_WORK = 2.0
 # The first coarse grid's E[X'²] may be wrong by up to this factor.
 UNTOLD_FACTOR = 2.0
 # Two grids with different steps give Richardson's correction, which assumes an error of second
-# order. With long steps the error is of higher order, so that only CORRECTION_TAKEN of it is added.
-# STATED_ERROR gives the shares of this correction, and of the last changes by refining nodes and
-# charges, that are stated as error.
+# order. With long steps the error is of higher order, so that only the share CORRECTION_TAKEN of
+# the correction is added. STATED_ERROR gives the shares of this correction, and of the last changes
+# by refining nodes and charges, that are stated as error.
 CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
-# Nodes too coarse for a contact have an error of first order: with 4/3 times the nodes a quarter of
-# it goes, so that three times the change is left.
+# If the nodes do not resolve a contact, the error is of first order: 4/3 times the nodes remove a
+# quarter of it, so that three times the change remains.
 UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
 # The means that must meet the tolerance.
 JUDGED = (
@@ -74,13 +74,14 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
-# A negative value of these is rounding in the difference of large numbers. It is refused.
+# Negative values of these means are rounding errors in the difference of large numbers and are
+# rejected.
 NEVER_NEGATIVE = ("mean_square_voltage", "power_in")
-# The tolerance of an efficiency is relative up to 0.3. Above it is 0.3 points at a tolerance of 1
-# %, so that a high efficiency does not get more.
+# The tolerance of an efficiency is relative up to 0.3. Above, it is absolute: 0.3 percentage points
+# at a tolerance of 1 %.
 HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
 
-# Arrays are small: more threads of BLAS double the processor time and shorten no run.
+# Arrays are small: more BLAS threads double the processor time without a gain in speed.
 ONE_THREAD = {"limits": 1, "user_api": "blas"}
 
 
@@ -90,18 +91,18 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     Parameters
     ----------
     tolerance : float
-        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
-        0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
-        of two powers, which may be small against both.
+        Largest relative numerical error of each mean; of an efficiency above 0.3 at most 0.3
+        percentage points, or 0.3 times the tolerance if that is more. The mechanical loss is
+        exempt: it is the possibly small difference of two powers.
     memory : bool
-        Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
-        three to seven times as long in all.
+        Also compute `slowest_decay_rate` and the rates of jumps between wells: this takes three to
+        seven times as long in total.
 
     Raises
     ------
     AveragingError
-        An impact velocity held from the moment of contact; a load too fast or too slow; motion
-        that nothing damps or confines; the tolerance is not met on the finest grid.
+        The contact law holds the impact velocity constant; the load is too fast or too slow; the
+        motion is undamped or unconfined; the finest grid does not meet the tolerance.
     """
     _check(device)
     slowest = SLOWEST_DECAY / period(device)
@@ -115,8 +116,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 def outline(device: System) -> GridDensity:
     """Densities on the first coarse grid, within tenths of a second.
 
-    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
-    refuses the same devices.
+    No error is estimated: means on that grid differ by up to 10 % from those of `fokker_planck`,
+    which rejects the same devices.
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
@@ -132,7 +133,7 @@ def _check(device):
         )
     if any(contact.law.holds for contact in device.contacts):
         raise AveragingError(
-            'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
+            'impact_velocity = "event": the speed at the beginning of a contact is not part of the '
             'state that fokker_planck follows; use "energy", or simulate'
         )
     if timescales.contact_time(device) < SHORTEST_CONTACT * period(device):
@@ -152,9 +153,8 @@ def _check(device):
 def _slow_decay(device, slowest, tolerance):
     """Means on the straight line through those at two slow rates of decay, towards λ = 0.
 
-    There Z is slow against all else, and the means are linear in λ. Where jumps between the wells
-    are slower still, no such line is straight: the extrapolated difference counts as numerical
-    error.
+    There Z is the slowest variable, and the means are linear in λ. If jumps between the wells are
+    slower still, the means are not linear: the extrapolated difference counts as numerical error.
     """
     part, rate = device.transducer, device.transducer.decay_rate()
     answers = []
@@ -179,7 +179,7 @@ def _slow_decay(device, slowest, tolerance):
 
 
 def _refined(task, share=1.0):
-    """Grids refined in time and in space apart until they are good enough; means and errors.
+    """Refine the grid in time and in space separately until the errors are small; means and errors.
 
     The search stops at this share of the tolerance.
     """
@@ -189,7 +189,7 @@ def _refined(task, share=1.0):
     _refine(grids, "nodes")
     while (worst := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", worst)
-    # On the coarser grid the error of the nodes would be taken for one of the step.
+    # The coarser grid would mix the error of the nodes with that of the step.
     before, after = (solution.means.get("well_crossing_rate", 0.0) for solution in nodes[-2:])
     rate, time = task.device.transducer.decay_rate(), period(task.device)
     leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
@@ -227,7 +227,7 @@ def _first(task, tolerance):
 
 
 def _refine(grids, respect, known=None):
-    """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
+    """Add a solution on a grid with more "steps", "nodes" or "charges" than the last of `grids`.
 
     `known` is (name of a mean, its relative error so far), for the message.
     """
@@ -241,13 +241,13 @@ def _refine(grids, respect, known=None):
         name, share = known
         raise AveragingError(
             f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
-            f"{last.level.tolerance:g}, on the finest grid that is tried: raise the tolerance, or "
+            f"{last.level.tolerance:g}, on the finest grid: raise the tolerance, or "
             "simulate"
         ) from refusal
     for name in NEVER_NEGATIVE:
         if finer.means[name] < 0.0:
             raise AveragingError(
-                f"{name.replace('_', ' ')} comes out negative on a grid and a finer one: it is too "
+                f"{name.replace('_', ' ')} is negative on two successive grids: it is too "
                 "small against the terms that it is the difference of; simulate"
             )
     grids[respect].append(finer)
@@ -288,11 +288,11 @@ def _changed(solutions):
 
 
 def _corrected(grids):
-    """Means corrected by the differences between grids, and the stated errors by kind of
-    refinement.
+    """Means corrected by the differences between grids, and stated errors by kind of refinement.
 
-    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
-    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
+    The errors of steps and nodes are additive, so grids that differ in one alone give that error.
+    The step error is of second order or higher and mostly subtracted; the error of the nodes
+    vanishes faster.
     """
     sooner, soonest = grids["steps"][-2:]
     left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
@@ -306,8 +306,7 @@ def _corrected(grids):
 
 
 def _compared(grids, find):
-    """Rates by `find`, with errors: the whole change between the two grids of each kind of
-    refinement.
+    """Rates by `find`; error: the whole change between the two grids of each kind of refinement.
 
     Empty where it takes too many steps.
     """
@@ -337,7 +336,7 @@ def _summed(values, taken, doubted):
 
 
 def _worst(means, error):
-    """The judged mean with the largest error as a share of it, and that share."""
+    """The mean in `JUDGED` with the largest relative error, and that error."""
     scale = {name: abs(means[name]) or np.inf for name in JUDGED}
     if error[efficiency := "power_conversion_efficiency"] > FEW_POINTS:
         scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)

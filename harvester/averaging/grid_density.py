@@ -22,11 +22,11 @@ class GridDensity:
     Parameters
     ----------
     transducer
-        Its equations
+        The transducer's equations.
     state
         Mass at each node.
     paired
-        The nodes hold one well alone, of two alike.
+        Whether the nodes cover one of two symmetric wells.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class GridDensity:
 
     @cached_property
     def _voltage(self):
-        """Density of the voltage, on the last grid only, since it takes as long as all others."""
+        """Density of the voltage, computed on demand: it takes as long as all other densities."""
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
@@ -90,10 +90,10 @@ class GridDensity:
         return places, getattr(self, name)(places)
 
     def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
+        """Evenly spaced displacements and velocities, and p(X, X') there, over its relevant range.
 
-        Without the part that alternates from node to node: in a contact the mass is shared
-        unevenly.
+        The part that alternates from node to node is removed: it stems from the sharing of mass in
+        a contact.
         """
         x, v = (self._evenly(nodes, JOINT_POINTS) for nodes in (self.x, self.v))
         smooth = self.values
@@ -103,14 +103,14 @@ class GridDensity:
         return x, v, self._either_side(spline.ev, x[:, None], v)
 
     def _evenly(self, nodes, count=0):
-        """Evenly spaced positions over a density's range; by default as far apart as its nodes."""
+        """Evenly spaced positions over a density's range; by default spaced like its nodes."""
         far = np.abs(nodes).max()
         low, high = (-far, far) if self.paired else (nodes[0], nodes[-1])
         apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)
         return np.linspace(low, high, count or 1 + round((high - low) / apart))
 
     def _either_side(self, spline, *places):
-        """A density; two symmetric wells get half each; 0 beyond the nodes."""
+        """Evaluate a density; two symmetric wells get half each; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
         places = np.broadcast_arrays(*(np.asarray(axis, dtype=float) for axis in places))
         total = np.zeros(places[0].shape)

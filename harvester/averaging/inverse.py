@@ -13,38 +13,39 @@ from harvester.base.errors import AveragingError
 
 Map = Callable[[np.ndarray], np.ndarray]
 
-# Largest memory of the directions, in bytes. Fewer are held if the state is large.
+# Largest memory of the directions, in bytes: a large state allows fewer directions.
 LARGEST_BASIS = 2e8
-# Most directions held at a time.
+# Largest number of stored directions.
 MOST_DIRECTIONS = 150
-# Most directions tried for one solution.
+# Largest number of new directions for one solution.
 MOST_SOUGHT = 400
 # If a direction leaves more than this share of the residual, the coarser grid's solution is no
 # longer used as its start.
 POOR_DIRECTION_REST = 0.9
-# Number type of the directions that are kept, and its size in bytes. What the equation makes of a
-# direction is kept in the same precision, so that rounding does no harm.
+# Number type of the stored directions, and its size in bytes. Their images under the equation have
+# the same precision, so that rounding does no harm.
 KEPT, BYTES = np.float32, 4
-# If less than this share of a direction is new, the iteration has nothing left to find.
+# If less than this share of a direction is independent of the others, the iteration ends.
 SMALLEST_NEW_PART = 1e-6
 # A residual is recomputed once it has fallen to this share. Stored directions have single
-# precision, so that more than this cannot be removed in one go.
+# precision, which limits the reduction without recomputing.
 REDUCTION_IN_ONE_GO = 3e-3
 # The coarser grid's solution is accurate enough when this share of the residual is left.
 SUFFICIENT_REDUCTION = 0.1
 
 
 class Inverse:
-    """x of decayed · x − later(x) = rest, by generalised conjugate residuals, directions kept.
+    """Solves decayed · x − later(x) = rest by generalised conjugate residuals with stored
+    directions.
 
-    Each direction's image is orthogonal to all earlier ones, so that the directions serve further
-    right-hand sides at no cost: the slow states of a map are found once (Eisenstat, Elman and
-    Schultz 1983). A new direction is the residual plus the coarser grid's solution for it.
+    Each direction's image is orthogonal to all earlier ones, so that stored directions also serve
+    further right-hand sides (Eisenstat, Elman and Schultz 1983). A new direction is the residual
+    plus the coarser grid's solution for it.
 
     Parameters
     ----------
     later
-        Linear map of states on it.
+        Linear map of states on the grid.
     coarser
         `Inverse` on a coarser grid.
     balanced
@@ -52,14 +53,15 @@ class Inverse:
     cleared
         Removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
-        Factor of x in the equation: the share of the state that one application of the map leaves.
+        Factor of x in the equation: the share of the state that remains after one application of
+        the map.
     parity
         −1 for states that change sign from one half of a mirrored grid to the other.
 
     Attributes
     ----------
     allowed
-        Largest norm of a rest that may be left.
+        Largest norm of the final residual.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class Inverse:
         """Improve a state until its residual, computed by `left` in full precision, is small
         enough.
 
-        Raises AveragingError: it was not reached.
+        Raises AveragingError if the limit is not reached.
         """
         self.allowed = float(allowed)
         size = enough = np.inf
@@ -120,8 +122,7 @@ class Inverse:
         )
 
     def _take(self, left, solution, which):
-        """Project a residual `left` onto some directions and add their part to `solution`,
-        in place."""
+        """Project a residual `left` onto some directions; add their part to `solution` in place."""
         along = self._changes[which] @ left.astype(KEPT)
         left -= along @ self._changes[which]
         solution += along @ self._directions[which]
@@ -146,7 +147,7 @@ class Inverse:
         if self._directions.size == 0:
             held = int(LARGEST_BASIS / (2 * BYTES * new.size))
             shape = max(1, min(MOST_DIRECTIONS, held)), new.size
-            # The system gives memory only to pages that are written.
+            # The operating system allocates only pages that are written.
             self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
         if self._count == len(self._changes):
             self._count = 0
@@ -168,7 +169,7 @@ class Inverse:
 
 
 def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0) -> np.ndarray:
-    """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
+    """A state on the nodes of another grid, with the same moments of Z and density in X and X'."""
     across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
     state = np.einsum("ji,xjmv->ximv", across, whole(state, old, parity))
     modes = min(old.modes, new.modes)

@@ -1,6 +1,7 @@
 """Rates of jumps between wells, and of the decay of the last memory of a well.
 
-Both are computed on each grid of an answer, on finer ones from the coarser grid's values.
+Both are computed on each grid of an answer; the coarser grid's values are the start for a finer
+one.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from harvester.base.errors import AveragingError
 from harvester.device.cores import core_energies, jump_rates
 from harvester.device.system import System, potential
 
-# The slowest state is accepted if a period changes it, apart from its decay, by less than the
-# first, or by less than the second times the crossings of the saddles in a period. (These are about
-# the distance of the eigenvalue from 1 if jumps are rare.)
+# The slowest state is accepted if a period changes it, apart from its decay, by less than the first
+# value, or by less than the second times the saddle crossings per period, which are about 1 −
+# eigenvalue if jumps are rare.
 STATE_TOLERANCE, CROSSINGS_TOLERANCE = 1e-6, 2e-4
 # A corrected state may miss that limit by this factor; otherwise it is corrected again.
 MOST_LEFT = 3.0
-# Relative tolerance of the first eigenvalue, about the rounding error of single precision.
+# Relative tolerance of Arnoldi's eigenvalue, about the rounding error of single precision.
 START_TOLERANCE = 1e-5
 # Vectors of Arnoldi's method between two restarts.
 VECTORS = 20
-# If jumps are rare, the iteration stops when this share of the mass in the cores is unassigned.
+# If jumps are rare, the iteration stops when this share of the mass is not assigned to a core.
 REACHED = 1e-7
-# Most amplitudes moved on one grid, for the slowest state and for the jumps each.
+# Largest work on one grid (amplitudes moved), for the slowest state and for the jumps separately.
 MOST_WORK = 2e8
 # Each node's cell is divided into 5 by 5 points, which give the share of it that lies in a core.
 PARTS_OF_NODE = 5
@@ -94,10 +95,10 @@ class _SlowestDecay(_Found):
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
-        """Correct the state; return the share of it that a period changes, apart from its decay.
+        """Correct the state; returns its relative change in a period, apart from its decay.
 
-        As a change of the eigenvalue acts on the state from which it began, and not on the one that
-        is sought, the error of a poor state may not decay as expected.
+        The eigenvalue's correction acts on the old state, not on the solution: the error of a poor
+        state may not decay as expected.
         """
         self.state = self._start = self.state / self._part(self.state)
         allowed = tolerance * float(np.linalg.norm(self._start))
@@ -119,7 +120,7 @@ class _SlowestDecay(_Found):
         return state
 
     def _beside(self, change):
-        """A period later, a change of the state that leaves its sum over the signs as it is."""
+        """A change of the state one period later, corrected so that its sum over the signs is 0."""
         change = self._later(change, self._single)
         return change - self._part(change) * self._start
 
@@ -127,7 +128,7 @@ class _SlowestDecay(_Found):
         return float(np.sum(self._signs * state[:, :, 0]))
 
     def _by_arnoldi(self, propagator):
-        """The slowest decay by Arnoldi's method; raises if it oscillates."""
+        """The slowest decay by Arnoldi's method; raises if the state oscillates."""
         shape = self.solution.grid.shape
         start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
         operator = LinearOperator(
@@ -143,16 +144,16 @@ class _SlowestDecay(_Found):
             ) from failure
         if values[0].imag:
             raise AveragingError(
-                "the slowest decay oscillates, so it is no rate of jumps between wells: simulate"
+                "the slowest decay oscillates, so it is not a rate of jumps between wells: simulate"
             )
         return np.real(vectors[:, 0]).reshape(shape), values[0].real
 
 
 class _Jumps(_Found):
-    """Mass by the well whose core it was in last, and the part of it that jumps.
+    """Mass by the well whose core it last visited, and the part of it that jumps.
 
-    The stationary mass p is divided: q_w = outside · P q_w + core_w · p for a step P. What P q_w
-    has in another core has jumped.
+    The stationary mass p is split: q_w = outside · P q_w + core_w · p for a step P. The mass of P
+    q_w in another core has jumped.
     """
 
     coarser: _Jumps | None
@@ -189,7 +190,7 @@ class _Jumps(_Found):
     def _later(self, propagator, outside):
         """State one period later, without mass that has been in a core, plus a source at each step.
 
-        After about a period, mass that has turned round is back.
+        After about a period, oscillating mass has returned.
         """
 
         def later(state, source=0.0):
@@ -201,7 +202,7 @@ class _Jumps(_Found):
         return later
 
     def _last_in_cores(self, later, source, guess, parity):
-        """Mass by the core it was in last, starting from the coarser grid's or the wells' mass."""
+        """Mass by the core it last visited, starting from the coarser grid's or the wells' mass."""
         coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p
@@ -214,7 +215,7 @@ class _Jumps(_Found):
 
 
 def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
-    """Rate at which the last memory of the well, or of the charge it left, decays (1/s), by grid.
+    """Slowest decay rate (1/s), of the memory of the well or of the charge, by grid.
 
     For two wells that exchange mass at the rates k12 and k21, slower than all other decays, it is
     k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
@@ -233,7 +234,7 @@ def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, fl
 
 
 def _on_each(solutions, find):
-    """Results of `find` on each grid, coarser grids first; nothing where it does not converge."""
+    """Results of `find` on each grid, coarser grids first; empty if it does not converge."""
     results = {}
 
     def on(solution):
@@ -270,9 +271,10 @@ def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
 
 
 def _combinations(wells, mirrored):
-    """Sums of wells that a grid can hold: an invertible matrix, and the parity of each.
+    """Linear combinations of wells that a grid can represent: an invertible matrix, and their
+    parities.
 
-    The first is all mass. On a mirrored grid even and odd sums of wells that mirror each other.
+    The first is the total mass. On a mirrored grid they are even and odd sums of mirrored wells.
     """
     single = np.eye(wells)
     if not mirrored:

@@ -1,4 +1,4 @@
-"""A closure with its settings, as an object."""
+"""Method object of a closure, with its settings."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -50,16 +50,16 @@ def average(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     method : str or Stationary
-        fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
-        slips corrected), consistent (the constant force of the piezo kept in the potential) or
-        spectral (of a linear device, exact from the spectrum of its excitation alone).
-        In Python also `Stationary(…)`, which holds the settings below itself.
+        fokker_planck (stationary density without averaging), paper (Eqs. 10–37 as printed,
+        misprints corrected), consistent (with the constant force of the piezo in the potential) or
+        spectral (linear device, exact from the spectrum of its excitation). In Python also
+        `Stationary(…)`, which holds the settings below itself.
     tolerance : float or None
-        Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
-        consistent 1e-3, spectral 1e-6).
+        Largest accepted relative numerical error (default: 1e-2; paper, consistent 1e-3, spectral
+        1e-6).
     fit : bool
-        For a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
-        spectrum, and note the deviation from it.
+        For a recorded excitation: use Ornstein–Uhlenbeck noise with D and τ1 fitted to its
+        spectrum, and note the deviation.
     jump_rates : bool
         For several wells, by fokker_planck: also the rates of jumps between them and the slowest
         decay rate (two or three times as long).
@@ -67,12 +67,12 @@ def average(
     Returns
     -------
     Result
-        `standard_error` holds the numerical error, from a coarser grid.
+        `standard_error` holds the numerical error, estimated from a coarser grid.
 
     Raises
     ------
     AveragingError
-        Unknown closure, or one that does not hold for these parameters.
+        Unknown closure, or one that is not valid for these parameters.
     LoadError
         The load is no resistor.
 
@@ -184,7 +184,7 @@ def averaged_device(prepared_scene: Prepared) -> System:
     LoadError
         The load is no resistor.
     AveragingError
-        Its excitation is no noise that can be averaged over.
+        The closure does not support the excitation.
     """
     from harvester.scene.units import require_resistor
 
@@ -198,11 +198,11 @@ def averaged_device(prepared_scene: Prepared) -> System:
 
 
 def _refuse_range(scene):
-    """Refuse a spring with a range of validity: a stationary density reaches beyond any range."""
+    """Raise if the spring has a range of validity: stationary densities are unbounded."""
     if scene.oscillator.restoring_force_range is not None:
         raise AveragingError(
-            "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "
-            "a spring that holds everywhere, or simulate"
+            "oscillator.restoring_force_range: a stationary density extends beyond any range; use "
+            "a spring without a range, or simulate"
         )
 
 
@@ -234,7 +234,7 @@ def _fitted(recorded):
     scene, scales = recorded.scene, recorded.scales
     if not isinstance(scene.excitation, RecordedMotion):
         raise AveragingError(
-            f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
+            f'excitation.kind = "{scene.excitation.kind}": --fit needs a recorded excitation'
         )
     resonance = timescales.angular_frequency(recorded.system) / (2.0 * math.pi)
     spectrum_fit = fit_spectrum(scene.excitation, resonance)

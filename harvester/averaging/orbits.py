@@ -22,7 +22,7 @@ from harvester.device import timescales
 from harvester.device.dispatch import Values
 from harvester.device.system import System, elastic_force, potential
 
-# A divisor that has vanished is replaced by this.
+# Replacement for a divisor of 0.
 SMALLEST = 1e-150
 # Spacing of the levels in the first scan of orbits, and nodes of an orbit on either side of the
 # stopper.
@@ -33,7 +33,7 @@ WELL_LEVELS = -15.0, 11.5
 NEGLIGIBLE = 1e-8
 # Orbits of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
-# Range of the outer levels, in multiples of the energy D over the rate of loss.
+# Range of the outer levels, ln of the energy in units of D over the loss rate.
 OUTER_LEVELS = -20.0, 32.0
 # The outer orbits end where ln g has fallen by this much.
 OUTER_EXPONENT = 45.0
@@ -49,7 +49,7 @@ def stiffnesses(system: System) -> tuple[float, float]:
 class Edge:
     """All orbits of one kind: inside the right well, or around both wells.
 
-    A monostable device has orbits around X = 0 alone, which are as those around both wells. An
+    A monostable device has orbits around X = 0 alone, treated like those around both wells. An
     orbit is labelled by its `level`: inside a well ln(r/(1 − r)), r the relative position of its
     left turning point from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are
     logarithmic where orbits change on every scale.
@@ -72,7 +72,7 @@ class Edge:
         return potential(self.system, x) + 0.5 * added * (x - self.anchor) ** 2
 
     def rise(self, start: Values, end: Values, added: Values) -> Values:
-        """U(end) − U(start); the terms of spring and piezo are free of cancellation."""
+        """U(end) − U(start), without cancellation in the terms of spring and piezo."""
         linear, cubic = stiffnesses(self.system)
         both = start + end
         spring = both * (0.5 * linear + 0.25 * cubic * (start * start + end * end))
@@ -101,7 +101,7 @@ class Edge:
         """Inner end of a well: its saddle or, without one, the point of weakest restoring force.
 
         Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. If N2 X* is so large that there is no such
-        root, the clipped formula gives the point of zero curvature. A far stopper ends the well as
+        root, the clipped formula gives the point of zero curvature. A distant stopper also ends the
         well.
         """
         linear, cubic = stiffnesses(self.system)
@@ -136,10 +136,10 @@ class Edge:
 
 
 class OrbitFamily:
-    """Orbits of one edge at some levels, each in the potential of its own N2.
+    """Orbits of one edge at given levels, each in the potential with its own N2.
 
-    Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
-    Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
+    Nodes are Gauss–Legendre nodes in an angle θ from 0 to π/2, on either side of the stopper.
+    Before it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
     distance d slows the mass. Beyond it x grows as sin² θ.
 
     `level`, `added`: levels, evenly spaced and ascending where they are integrated over, and N2.
@@ -226,7 +226,7 @@ class OrbitFamily:
 def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
     """The orbits at these levels, each in the potential of N2 at its own frequency (Eq. 12).
 
-    Raises AveragingError: the fixed point of ω and N2 was not found.
+    Raises AveragingError if the fixed point of ω and N2 is not found.
     """
     coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
     if coupling > 0.0:
@@ -249,10 +249,10 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     """The edges of `paper` or `consistent`, the wells first, with their first and last levels.
 
     Near the separatrix ω → 0 takes N2 away and shifts the barrier, so that neighbouring orbits
-    would cross each other there. An edge is therefore followed from its regular end (the well's
-    bottom, high energy) only as far as its orbits lie inside one another.
+    would cross each other there. An edge therefore extends from its regular end (the well's bottom,
+    high energy) only as far as its orbits are nested.
 
-    Raises AveragingError: nothing holds the energy back.
+    Raises AveragingError if the energy is not bounded.
     """
     outer = Edge(system)
     first, last = _outer_range(outer)
@@ -272,7 +272,7 @@ def _well_range(edge, reach):
     """First and last level of the wells, whose orbits extend to `reach` at most."""
     scan = _scan(edge, *WELL_LEVELS)
     first = min([SMALL_ORBIT, *_zeros(scan.level, scan.exponent() - NEGLIGIBLE)])
-    # Smaller orbits may seem to cross by rounding alone.
+    # Rounding alone may make smaller orbits appear to cross.
     crossings = [fold for fold in _folds(scan) if fold > first]
     return first, min([scan.level[-1], *crossings, *_zeros(scan.level, scan.right - reach)])
 
@@ -305,8 +305,8 @@ def _scan(edge: Edge, low: float, high: float) -> OrbitFamily:
 def _folds(scan):
     """Levels at which orbits begin or cease to cross the next one.
 
-    They cross where ½X'² at one X grows nowhere less than 0 from one to the next. That growth is
-    dE − dN2 · ½(X − X*)², monotone in |X − X*|, so three points suffice.
+    Orbits cross if ½X'² at some X decreases from one orbit to the next. Its change is dE − dN2 ·
+    ½(X − X*)², monotone in |X − X*|, so three points suffice.
     """
     anchor = scan.edge.anchor
     left, right = _middle(scan.left), _middle(scan.right)
@@ -339,7 +339,8 @@ def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> 
     converged = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)
-        # The iteration comes from beyond the root, so that every change but rounding is positive.
+        # The iteration approaches from above the root, so that every change except rounding is
+        # positive.
         converged |= change <= 1e-15 * np.abs(x)
         if converged.all():
             break

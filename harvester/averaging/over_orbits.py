@@ -14,7 +14,7 @@ from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.device.system import System
 
-# Levels of each edge, and nodes of an orbit on either side of the stopper. The difference to the
+# Levels of each edge, and nodes of an orbit on either side of the stopper. The difference from the
 # coarse grid is the numerical error.
 LEVELS, NODES = 400, 32
 COARSE_LEVELS, COARSE_NODES = 200, 24
@@ -39,7 +39,7 @@ def over_orbits(closure: str, device: System, tolerance: float, memory: bool) ->
 
 
 def _check(s):
-    """Refuse a device outside Eqs. 10–37, or one for which averaging over orbits is not valid."""
+    """Raise for a device outside Eqs. 10–37, or if averaging over orbits is not valid."""
     laws = [contact.law for contact in s.contacts]
     piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {
@@ -87,9 +87,9 @@ def _solve(closure, spans, levels, nodes):
     families = [settled_orbits(e, np.linspace(a, b, levels), nodes) for e, a, b in spans]
     logarithms = _logarithms(closure, families)
     weights = [np.exp(logarithm) for logarithm in logarithms]
-    # In `consistent` each well has its own potential and overlaps the outer orbits: inside
-    # the outer ones only the wells count. In `paper` the density of the innermost outer orbit goes
-    # on inside.
+    # In `consistent` each well has its own potential and overlaps the outer orbits: inside the
+    # outer orbits only the wells count. In `paper` the density of the innermost outer orbit
+    # continues inside.
     overlap = families[0].edge.anchor > 0.0
     cores = [dict.fromkeys(families[0].enclosed, 0.0)]
     if len(families) == 2:
@@ -136,7 +136,7 @@ def _logarithms(closure, families):
 def _means(orbits, weight, core):
     """One edge's contributions to the means and its mass, before normalisation.
 
-    What its innermost orbit encloses has that orbit's g and V(X, X'), but for the `core` of other
+    The area inside the innermost orbit has that orbit's g and V(X, X'), except the `core` of other
     orbits.
     """
     s, enclosed, ends = orbits.edge.system, orbits.enclosed, orbits.level[[0, -1]]
@@ -146,10 +146,10 @@ def _means(orbits, weight, core):
         values = weight * values
         change = values * CubicSpline(orbits.level, enclosed[name]).derivative()(orbits.level)
         inside = values[0] * (enclosed[name][0] - core[name])
-        # The integrals cover one quarter of the phase plane.
+        # The integrals cover a quarter of the phase plane.
         return 4.0 * (inside + CubicSpline(orbits.level, change).integrate(*ends))
 
-    # Eq. 10 is taken about X*: the bottom of the orbit in `paper`, one point for all in
+    # Eq. 10 is evaluated about X*: the bottom of the orbit in `paper`, a common point in
     # `consistent`.
     centre = orbits.edge.bottom(orbits.added) if orbits.edge.inside else 0.0
     across = orbits.gain**2

@@ -8,9 +8,9 @@ A step is the flow of the device at constant Z and η, followed by the changes o
 - η' = −η/τ1 + noise with X'' = η: exactly, for each wave number of X' by Hermite functions of η.
 
 Half steps of the second and third kind, which commute, come first and last (Strang), so that the
-error is of second order in the step. Its greatest part is that the noise pushes once a step: at
-angular frequency ω that train of pushes has another spectrum than η. It is therefore strengthened,
-at each X, by as much as its spectrum lacks at the frequency √U''(X).
+error is of second order in the step. The main error is that noise acts as one impulse per step: the
+spectrum of this impulse train differs from that of η. A factor at each X therefore corrects the
+spectrum at the frequency √U''(X).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from harvester.device.system import elastic_force, state_rate
 
 # A correlation time τ1 shorter than this many steps gives the same numbers as this many.
 LEAST_MEMORY = 1e-6
-# The correction of the pushes' spectrum stops growing at this ω dt.
+# The correction of the impulses' spectrum is constant above this ω dt.
 FASTEST_PHASE = 1.5
 
 
@@ -163,9 +163,9 @@ def _raising(alpha, modes):
 def _strength(device, grid, memory):
     """Factor that gives the impulses at each X the spectrum of η at the frequency √U''(X).
 
-    A push is the integral of η over a step dt. Of their train, with a = exp(−dt/τ1), θ = ω dt,
-    the spectrum is 2Dτ1 {dt/τ1 − 1 + a + (1 − a)² (cos θ − a)/(1 − 2a cos θ + a²)} a step, and
-    the spectrum of η is 2D dt/(1 + ω²τ1²).
+    An impulse is the integral of η over a step dt. The spectrum of the impulse train, with a =
+    exp(−dt/τ1), θ = ω dt, is 2Dτ1 {dt/τ1 − 1 + a + (1 − a)² (cos θ − a)/(1 − 2a cos θ + a²)} a
+    step, and the spectrum of η is 2D dt/(1 + ω²τ1²).
     """
     narrow = 1e-4 * (grid.x[1] - grid.x[0])
     slope = elastic_force(device, grid.x + narrow) - elastic_force(device, grid.x - narrow)

@@ -13,36 +13,36 @@ from harvester.base.errors import AveragingError
 from harvester.device import timescales
 from harvester.device.system import System, potential
 
-# A density's core is its half width about the narrowest peak; ranges are counted in cores. However
-# narrow a range is, its grid has at least the nodes of this number of cores.
+# A density's core is its half width about the narrowest peak, the unit of ranges. A grid has at
+# least the nodes of this number of cores.
 FEWEST_CORES = 20
-# The load's charge displaces the mass; where the greatest charge does so by one half width of the
-# density, this number of nodes of Z is added.
+# The load's charge displaces the mass; this number of nodes of Z is added per half width of the
+# density that the greatest charge displaces it.
 NODES_PER_WIDTH = 4.0
 # Nodes of Z added if the device is not symmetric: otherwise each node also represents its mirror
 # image.
 NODES_WITHOUT_MIRROR = 1
-# Devices whose charge displaces the mass by more half widths are refused: there the charge decides
-# whether the potential has a well at all.
+# Devices whose charge displaces the mass by more half widths are rejected: the charge may then
+# remove a well of the potential.
 GREATEST_DISPLACEMENT = 2.0
-# This limit, in half widths, holds while the region is still sought, when its width is inaccurate.
+# Limit of the same displacement while the region is being determined and its width is inaccurate.
 HOPELESS_DISPLACEMENT = 4.0
 # A normal density falls to 1e-6 of its peak at √(2 ln 1e6) = 5.26 standard deviations.
 GIBBS_REACH = 5.3
-# A coarse grid resolves a density down to SEEN of its peak. A normal one falls to 1e-6 at
-# √(ln 1e6 / ln 1e3) = 1.414 times that distance.
+# A coarse grid resolves a density down to the share SEEN of its peak. A normal density falls to
+# 1e-6 at √(ln 1e6 / ln 1e3) = 1.414 times that distance.
 SEEN, BEYOND = 1e-3, 1.42
 # If the density at an end of the range exceeds this share of its peak, it continues beyond the end.
 GATHERED = 1e-4
-# Peaks lower than this share of the highest one do not decide how fine the grid is.
+# Peaks lower than this share of the highest peak do not affect the resolution of the grid.
 SECOND_PEAK = 0.2
 # The grid's edge lies at least at 1.2² = 1.44 times the energy of the highest saddle: 1.2 times its
 # speed.
 EDGE_ENERGY_IN_BARRIERS = 1.44
-# Correlated noise displaces the mass slowly. The region covers this number of its standard
-# deviations.
+# Correlated noise displaces the mass slowly. The region covers this number of standard deviations
+# of that displacement.
 HELD_DEVIATIONS = 4.0
-# The range is wider than the motion found by this factor.
+# Ratio of the grid's range to the range of the motion.
 REGION_MARGIN = 1.05
 # From one level to the next the number of nodes, or of steps, grows by this factor.
 NODE_REFINEMENT = 4.0 / 3.0
@@ -50,15 +50,15 @@ STEP_REFINEMENT = 1.5
 # Nodes of Z that the next level adds.
 CHARGES_ADDED = 3
 # Mass beyond the last node of Z is shared among the nodes by a polynomial, whose weights grow with
-# the distance; the nodes reach so far that none exceeds this.
+# the distance. The nodes extend so far that no weight exceeds this limit.
 LARGEST_WEIGHT = 1e2
 # Each step redistributes mass among the nodes, with an error of order six in their distance: with
 # STEP_REFINEMENT times the steps, this factor on the nodes keeps the error unchanged.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
-# A region shrinks at most to this share in one attempt: a grid that is much too wide gives no
-# accurate width.
+# Strongest shrinking of a region in one attempt: a grid that is much too wide gives no accurate
+# width.
 STRONGEST_SHRINKING = 0.4
-# Two regions are alike, and the search ends, if their speeds, cores and ranges have ratios between
+# The search ends if the speeds, cores and ranges of two successive regions have ratios between
 # these, and their means differ by less than SAME_MEAN of the range.
 SAME_REGION_RATIOS = (0.7, 1.25)
 SAME_MEAN = 0.05
@@ -76,7 +76,7 @@ class Level(NamedTuple):
     fine, fine_speed
         Nodes within the core of the density in X and in X'.
     nodes
-        Nodes of Z that are kept, where the charge displaces the mass by little.
+        Stored nodes of Z, if the charge displaces the mass only slightly.
     modes : Hermite functions of η.
     most
         Largest number of cores that the nodes resolve separately.
@@ -93,9 +93,10 @@ class Level(NamedTuple):
     tolerance: float = 0.2
 
     def more(self, respect: str) -> Level:
-        """The next finer level: more "steps", more "nodes" of X and X', or of Z for "charges".
+        """The next finer level: more "steps", more "nodes" of X and X', or more nodes of Z
+        ("charges").
 
-        Slightly finer in space too if there are more steps, since each step redistributes mass.
+        With more steps it is also slightly finer in space, since each step redistributes mass.
         """
         if respect == "charges":
             return self._replace(nodes=self.nodes + CHARGES_ADDED)
@@ -119,13 +120,13 @@ class Region(NamedTuple):
     speed
         Greatest |X'|.
     core, core_speed : float
-        Half widths of the densities of X and of X' about their peaks, or of their steepest side.
+        Half widths of the densities of X and X' about their peaks, or at their steepest side.
     width
         Half width of the density of X about its narrowest peak.
     mean
         Mean of X, and so of Z.
     well
-        The only well in it; None for all.
+        The only well in the region; None if it covers all wells.
     """
 
     left: float
@@ -215,7 +216,7 @@ class Region(NamedTuple):
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def grid(self, device: System, level: Level, step: float) -> PhaseGrid:
-        """The nodes of a level; of a symmetric device one half alone."""
+        """The nodes of a level; for a symmetric device half of them."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
@@ -237,7 +238,7 @@ class Region(NamedTuple):
         return device.transducer.coupling * reach / frequency**2 / self.width
 
     def check(self, device: System, allowed: float = GREATEST_DISPLACEMENT) -> None:
-        """Refuse a device whose charge displaces the mass by more than `allowed` half widths."""
+        """Raise if the charge displaces the mass by more than `allowed` half widths."""
         displaced = self.displaced(device)
         if displaced > allowed:
             raise AveragingError(
@@ -247,15 +248,15 @@ class Region(NamedTuple):
             )
 
     def _charges(self, device, nodes, mirrored, step):
-        """Nodes of Z: so wide that the mass that a step moves beyond them is bounded."""
+        """Nodes of Z: their range bounds the mass that a step moves beyond them."""
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
         nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
         nodes = 2 * nodes if mirrored else nodes + NODES_WITHOUT_MIRROR
         far = max(self.right - centre, centre - self.left)
         moved = -np.expm1(-device.transducer.decay_rate() * step)
-        # Share of the reach beyond the last node, up to which Chebyshev polynomials stay below the
-        # weight.
+        # Share of the reach beyond the last node within which Chebyshev polynomials stay below the
+        # limit.
         beyond = np.cosh(np.arccosh(LARGEST_WEIGHT) / nodes) - 1.0
         reach = max(reach, far * moved / (moved + beyond))
         return centre + reach * np.polynomial.legendre.leggauss(nodes)[0]
@@ -273,13 +274,13 @@ class Region(NamedTuple):
 
 
 def _nodes(low, high, core, fine, most):
-    """An even number of nodes over a range, `fine` of them in a core, for `most` cores at most."""
+    """An even number of nodes over a range: `fine` per core, for at most `most` cores."""
     halves = min(max((high - low) / core, FEWEST_CORES), most) * fine / 2.0
     return np.linspace(low, high, 2 * int(np.ceil(halves)))
 
 
 def _following(device, half):
-    """Half range of Z: its oscillation at the orbits' frequency, plus the noise's part."""
+    """Half range of Z: its oscillation at the orbits' frequency plus the noise's contribution."""
     rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
     intensity, memory = device.noise
     turning = half * rate / np.hypot(rate, frequency)
@@ -303,7 +304,7 @@ def _turning(device, start, side, energy):
 
 
 def _widths(nodes, density):
-    """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
+    """Standard deviations of normal densities as narrow as each peak, and as steep as each side."""
     x = np.linspace(nodes[0], nodes[-1], 2000)
     values = CubicSpline(nodes, density)(x)
     inner = values[1:-1]

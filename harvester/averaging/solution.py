@@ -1,4 +1,4 @@
-"""The stationary state on one grid, and the work that all grids of an answer may take."""
+"""The stationary state on one grid, and the work limit of all grids of an answer."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from harvester.device.system import System
 
 # Most amplitudes moved, times steps, on all grids together: five to ten seconds.
 MOST_WORK = 4e8
-# Fewest periods that the work on a grid must allow.
+# Smallest number of periods that the work limit must allow on a grid.
 LEAST_PERIODS = 6
 # Largest memory of the matrices of the noise on a grid, in bytes.
 LARGEST_PUSHES = 2e8
 # Upper limit of λ dt times the number of steps in a period.
 LARGEST_LOAD_DECAY = 2.8
-# The number of steps grows by this times the share of the stiffness that comes from the coupling.
+# Relative growth of the number of steps per share of the stiffness that comes from the coupling.
 STEPS_OF_STRONG_COUPLING = 3.0
 # If the spring stiffens, the number of steps grows by this times the share by which the fastest
 # motion exceeds the frequency of small oscillations.
 STEPS_OF_STIFFENING = 1.25
-# A contact shorter than a sixth of a period shortens the step, at most by the second factor: during
-# a much shorter contact the noise hardly changes.
+# A contact shorter than the first share of a period shortens the step, at most by the second
+# factor: during a much shorter contact the noise hardly changes.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
-# Largest residual of a period, in tolerances, as a share of the slowest mode's change in it.
+# Largest residual of a period, in tolerances, relative to the slowest mode's change in a period.
 RESIDUAL_OVER_TOLERANCE = 2e-2
-# If wells that differ are crossed less often per period than the first, those that hold at least
-# the second share of the time get a direction of their own.
+# If jumps between unequal wells per period are rarer than the first value, each well with at least
+# the second share of the time gets a separate direction.
 RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
-# Rounding does not allow a smaller residual.
+# Smallest residual that rounding allows.
 LEAST_RESIDUAL = 1e-8
 # Residuals below this share of the density are computed in double precision.
 LEAST_SINGLE_SHARE = 1e-6
 
 
 class StationaryProblem:
-    """The task that all grids of one answer share.
+    """The problem that is solved on all grids of one answer.
 
     Parameters
     ----------
     tolerance
-        Named where it takes too much work.
+        Quoted in the error message if the work limit is exceeded.
     share
-        Share of the usual work.
+        Work limit relative to the usual one.
     read : transducer's equations, optional
         Transducer whose voltage and power are computed from the state; the device's own by default.
     """
@@ -59,11 +59,11 @@ class StationaryProblem:
         self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
     def take(self, work: float, ahead: float = 0.0) -> None:
-        """Subtract this work (amplitudes times steps) from the budget; raise if that is spent."""
+        """Subtract work (amplitudes times steps) from the budget; raise if it is spent."""
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
-                f"{self.tolerance:g} takes more nodes and steps than fokker_planck has: raise it, "
+                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise it, "
                 "or simulate"
             )
         self.left -= work
@@ -79,9 +79,9 @@ class Solution:
     propagator
         The propagator in single precision.
     state, before_flow
-        Mass at each node, where a step is symmetric in time and before the flow.
+        Mass at each node, in the middle of a step, and just before the flow.
     means
-        The means of the answer, `power_in`, and those that describe several wells.
+        The means of the answer, `power_in`, and quantities of several wells.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Solution:
         task.take(0.0, ahead=LEAST_PERIODS * self.cost)
         if grid.push_bytes > LARGEST_PUSHES:
             raise AveragingError(
-                f"noise remembered over {grid.modes} modes on {len(grid.x)} by {len(grid.v)} nodes "
+                f"coloured noise with {grid.modes} modes on {len(grid.x)} by {len(grid.v)} nodes "
                 f"takes {grid.push_bytes / 1e9:.2g} GB, more than {LARGEST_PUSHES / 1e9:g} GB: "
                 "simulate"
             )
@@ -109,7 +109,7 @@ class Solution:
             start = _gibbs(device, region, grid)
         else:
             start = moved(coarser.state, coarser.grid, grid)
-            # Jumps in a period between wells that differ.
+            # Number of jumps per period between unequal wells.
             if "share_of_time_in_well_1" in coarser.means:
                 jumps = time * coarser.means.get("well_crossing_rate", np.inf)
         if jumps < RARE_JUMPS:
@@ -132,11 +132,11 @@ class Solution:
         return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
-        """The stationary state, from one near it; a period changes at most this share of it."""
+        """Iterate from `start` until a period changes at most this share of the state."""
         # The first period on a new grid removes the error of interpolation between grids.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
-        # Jumps are slow against all else: many other directions would not represent them.
+        # Jumps are much slower than other motion: many other directions would not represent them.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
         teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
@@ -172,8 +172,8 @@ class Solution:
         grid, transducer = self.grid, self.task.transducer
         x, v, charge = grid.x[:, None, None], grid.v, grid.x[:, None, None] - grid.kept[:, None]
         current = transducer.current(v, charge)
-        # The energy that the noise adds in a step is far more accurate than the energy that
-        # contacts take, which act in times shorter than a step.
+        # The energy that the noise adds in a step is far more accurate than the energy lost in
+        # contacts, which are shorter than a step.
         flowed = self.propagator.flowed(self.before_flow)
         gained = (self.propagator.pushed(flowed) - flowed)[:, :, 0]
         power_in = float(np.sum(gained * v**2)) * 0.5 / grid.step
@@ -195,8 +195,7 @@ class Solution:
 
 
 def _hurry(device, time):
-    """Factor by which a fast load, contacts or a stiffening spring multiply the steps per
-    period."""
+    """Factor on the steps per period for a fast load, contacts or a stiffening spring."""
     stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)

@@ -15,10 +15,10 @@ from harvester.scene.prepared import Prepared
 
 # Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12
-# Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
-# highest: of E[X'²] under white noise a part in 10^10 lies beyond.
+# Integration limits relative to the lowest and highest characteristic frequency: of E[X'²] under
+# white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
-# Two frequencies (Hz) above every corner of a density; they show whether it still falls there.
+# Two frequencies (Hz) above every corner of a density, to test whether it still decreases there.
 BEYOND = np.array([1e14, 1e15])
 # The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
@@ -27,12 +27,12 @@ DEVIATIONS, PLACES = 6.0, 241
 
 
 def spectral(ready: Prepared, tolerance: float) -> Averages:
-    """Means of a linear device with a resistor, exact for any excitation whose density is known.
+    """Means of a linear device with a resistor, exact for any excitation with a known density.
 
     Parameters
     ----------
     tolerance : float
-        Largest numerical error that is an answer, as a share of it.
+        Largest accepted relative numerical error.
 
     Raises
     ------
@@ -41,10 +41,10 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Notes
     -----
-    With the state z = (X, X', e), z' = A z + b η + d η', its covariance is
-    ∫ Re[h h*] G df, h = d + (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2.
-    Only if the base acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of
-    the quadrature end where G bends and at each resonance, and double away from it.
+    With the state z = (X, X', e), z' = A z + b η + d η', its covariance is ∫ Re[h h*] G df, h = d +
+    (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2. Only if the base
+    acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of the quadrature end
+    at corners of G and at each resonance, and double in length away from it.
     """
     system = ready.system
     refusal = spectral_refusal(system, ready.scene.excitation)
@@ -53,7 +53,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     matrix = _matrix(system)
     decay = -np.linalg.eigvals(matrix).real.max()
     if not decay > 0.0:
-        raise AveragingError(f"{ready.scene.name}: spectral: nothing damps or holds the motion")
+        raise AveragingError(f"{ready.scene.name}: spectral: the motion is undamped or unconfined")
     excitation, unit = ready.scene.excitation, ready.excitation_unit
     share = system.transducer.base_rate(1.0)
     fine, coarse = (_covariance(matrix, share, excitation, unit, n) for n in (NODES, COARSE_NODES))
@@ -73,7 +73,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
 
 def spectral_refusal(system: System, excitation: Excitation) -> str:
-    """Why the means do not follow from the spectrum alone; empty where they do."""
+    """Reason why the spectrum alone does not give the means; empty if it does."""
     if not system.spring.straight:
         return "the spring is not linear: simulate, or take the closure fokker_planck"
     if system.contacts:
@@ -82,16 +82,16 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
         return "the damper has a quadratic part: simulate, or take the closure fokker_planck"
     if excitation.drifts or excitation.density(np.array([1.0])) is None:
         return (
-            f'excitation.kind = "{excitation.kind}" has no density that is known: simulate, or '
-            "make a spectrum of it (harvester spectrum)"
+            f'excitation.kind = "{excitation.kind}" has no known density: simulate, or '
+            "convert it to a spectrum (harvester spectrum)"
         )
     if system.transducer.base_rate(1.0):
         densities: Any = excitation.density(BEYOND)
         high, higher = densities
         if not (higher < high or high == 0.0):
             return (
-                "the charge that the base moves (piezo.base_charge) has no mean square under noise "
-                "that is white at all frequencies: take a kind that falls off, or leave the key out"
+                "the charge moved by the base (piezo.base_charge) has no mean square under noise "
+                "that is white at all frequencies: choose another kind of noise, or omit the key"
             )
     return ""
 
@@ -100,7 +100,7 @@ def _matrix(system):
     """A of z' = A z + b η about the rest position, from the device's own equations."""
     part = system.transducer
     stiffness = float(system.spring.slope(0.0))
-    # Without a state of the transducer that moves, two rows are left.
+    # If the transducer has no dynamic state, two rows remain.
     size = 3 if part.state_rate(1.0, 0.0) != 0.0 else 2
     return np.array(
         [
@@ -135,7 +135,7 @@ def _covariance(matrix, share, excitation, unit, nodes):
 
 
 def _quadrature(matrix, corners, nodes):
-    """Frequencies and weights (Hz): pieces as short as their distance from each resonance."""
+    """Frequencies and weights (Hz): intervals as short as their distance from each resonance."""
     poles = np.linalg.eigvals(matrix) / (2.0 * math.pi)
     scales = np.concatenate([np.abs(poles), corners])
     low, high = scales.min() * LOWEST, scales.max() * HIGHEST
@@ -152,10 +152,10 @@ def _quadrature(matrix, corners, nodes):
 
 
 def _means(system, covariance):
-    """The means that `Averages` holds, from the covariance."""
+    """The means in `Averages`, from the covariance."""
     part, velocity = system.transducer, covariance[1, 1]
     if not velocity > 0.0:
-        raise AveragingError("spectral: the excitation is 0, and so is the motion: raise it")
+        raise AveragingError("spectral: the excitation is 0, so there is no motion: raise it")
     displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
     power = _quadratic(part.load_power, covariance)
     loss = system.damper.damping * velocity
@@ -186,7 +186,7 @@ class GaussianDensity:
     Attributes
     ----------
     covariance : ndarray, shape (3, 3)
-    gaussian : False if the noise holds sines or bursts: then there is no density.
+    gaussian : False if the noise contains sines or bursts: no density is then available.
     """
 
     system: Any

@@ -1,9 +1,8 @@
 """Density of X − Z, and so of the voltage, from a state at a few nodes of Z.
 
-The nodes give moments of Z. Where these and X' determine the density, as for a fast load, Z has a
-normal density at each X and X'. Else, as of a slow load whose charge may be that of a well that
-motion has left, it has at each X the density of greatest entropy (Jaynes 1957): the exponential of
-a polynomial.
+The nodes give moments of Z. If these and X' determine the density, as for a fast load, Z has a
+normal density at each X and X'. Otherwise, as for a slow load that keeps the charge of the previous
+well, Z has the maximum-entropy density at each X (Jaynes 1957): the exponential of a polynomial.
 """
 
 import numpy as np
@@ -25,20 +24,21 @@ NORMAL_TAIL = 5.0
 NORMALS_AT_A_TIME = 4000
 # Normal densities are used if they miss the fourth moment by less than this share.
 NORMAL_FOURTH_MOMENT = 0.03
-# The density of greatest entropy: its degree, the number of values of Z at which it is tabulated,
-# the weight ε₁ of the penalty on the first moment, and its growth with each higher moment, which
-# the nodes give less accurately.
+# The maximum-entropy density: its degree, the number of values of Z at which it is tabulated, the
+# weight ε₁ of the penalty on the first moment, and the growth of the weight with each higher
+# moment, which the nodes give less accurately.
 DEGREE, CHARGES, LOOSENESS, LOOSER = 12, 121, 2e-5, 2.0
-# The search for its weights: most steps, largest slope at its end, and most halvings of a step.
+# Newton's iteration for its weights: most steps, largest final gradient, and most halvings of a
+# step.
 MOST_ITERATIONS, SETTLED, MOST_HALVINGS = 60, 1e-6, 30
-# A step of the search must achieve this share of the decrease that the slope predicts (Armijo).
+# A step must achieve this share of the decrease that the gradient predicts (Armijo).
 SUFFICIENT_DECREASE = 1e-4
 
 
 def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values of X − Z, evenly spaced, and the density there.
 
-    It has the mean and variance that the nodes hold, and is nowhere negative.
+    The density has the mean and variance of the nodes, and is nowhere negative.
 
     `mass`: mass at the nodes of (X, Z, X'), with sum 1.
     """
@@ -60,7 +60,7 @@ def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _of_normals(grid, mass):
-    """p(V) from normal densities of Z at each X and X', so wide that nodes of X leave no gap."""
+    """p(V) from normal densities of Z at each X and X', wide enough to bridge the nodes of X."""
     moments = np.einsum("nz,xzv->nxv", [grid.z**power for power in range(3)], mass)
     for axis in (1, 2):
         moments = convolve1d(moments, SMOOTHING, axis=axis, mode="constant")
@@ -78,7 +78,7 @@ def _of_normals(grid, mass):
 
 
 def _of_greatest_entropy(grid, mass):
-    """p(V) from densities of greatest entropy of Z at each X, by the moments of the nodes."""
+    """p(V) from maximum-entropy densities of Z at each X, with the moments of the nodes."""
     x, z = grid.x, grid.z
     along = convolve1d(mass.sum(axis=2), SMOOTHING, axis=0, mode="constant")
     held = along.sum(axis=1)
@@ -89,7 +89,7 @@ def _of_greatest_entropy(grid, mass):
     shares = np.zeros((x.size, CHARGES))
     shares[rows] = held[rows, None] * _greatest_entropy(_polynomials(nodes, degree), moments)
     charge = np.linspace(x[0] - z[-1], x[-1] - z[0], VALUES)
-    # For each value of Z, the density of X at the distance V from it.
+    # For each value of Z, the density of X at X − Z = V.
     row = (charge[:, None] + middle + half * nodes - x[0]) / (x[1] - x[0])
     column = np.broadcast_to(np.arange(CHARGES), row.shape)
     return charge, np.maximum(map_coordinates(shares, [row, column]), 0.0).sum(axis=1)
@@ -101,7 +101,7 @@ def _polynomials(place, degree):
 
 
 def _greatest_entropy(polynomials, moments):
-    """Shares of mass at points, (rows, points), of densities with these moments of polynomials.
+    """Shares of mass at points, (rows, points), of densities with these moments of the polynomials.
 
     Exponentials of sums of the polynomials, whose weights l are least in
     ln Σ exp(l P) − l m + ½ Σ looseness l²: by Newton's method, each row with its own step.

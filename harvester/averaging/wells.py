@@ -1,8 +1,8 @@
-"""Rate of saddle crossings, shares of time in the wells, and the well that holds nearly all motion.
+"""Rate of saddle crossings, shares of time in the wells, and the most occupied well.
 
-If jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
-grid gives them, and none is needed: of two wells alike each holds half, and of others the one that
-motion leaves the least often holds all.
+If jumps are rare, their rates are far below the errors of the grid, which cannot resolve them.
+Symmetric wells then hold half of the time each; among unequal wells the one with the rarest exits
+holds all.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from harvester.device.system import System, loss_power, potential
 
 # Barrier, in multiples of E[X'²], above which crossings are negligible.
 HELD_BACK = 16.0
-# Only this share of a well's exponent S is relied upon. If it exceeds the exponent of every other
-# well by 6, the share of time in the others is below exp(−6), and one well is laid.
+# Trusted share of a well's exponent S. If it exceeds the exponent of every other well by 6, the
+# share of time in the others is below exp(−6), and the grid covers one well.
 SURE_SHARE, LEAST_LEAD = 0.8, 6.0
 # Energies, and positions along each orbit, over which the exponent is integrated.
 ENERGIES, PLACES = 24, 201
@@ -24,8 +24,8 @@ ENERGIES, PLACES = 24, 201
 def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     """Rate of crossings of all saddles, and shares of time from the left; empty for one well.
 
-    The rate is the flux Σ ∫ |X'| p(saddle, X') dX', both ways, as Monte Carlo counts it; shares
-    are given where they do not follow from symmetry. A density of one well alone gives no rate.
+    The rate is the flux Σ ∫ |X'| p(saddle, X') dX', both ways, as Monte Carlo counts it; shares are
+    given where they do not follow from symmetry. The density of a single well gives no rate.
     """
     saddles, v, answer = sorted(timescales.saddles(device)), density.v, {}
     if not saddles:
@@ -51,7 +51,7 @@ def well_at(device: System, x: np.ndarray) -> np.ndarray:
 
 
 def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
-    """Displacements in each well; of two symmetric wells in either: (wells, X) of 0 and 1."""
+    """(wells, X) of 0 and 1: which displacements lie in each well; symmetric wells count as one."""
     number = well_at(device, grid.x)
     if grid.mirrored:
         number = np.minimum(number, number[::-1])
@@ -59,7 +59,7 @@ def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
 
 
 def lone_well(device: System) -> float | None:
-    """The well that holds all motion, or one of two symmetric ones; None if several share it."""
+    """The well that contains all motion, or one of two symmetric ones; None if several do."""
     wells = timescales.wells(device)
     if len(wells) < 2:
         return None
@@ -103,7 +103,7 @@ def _exponent(device, well):
     x = np.linspace(low, high, PLACES)
     above = energies[:, None] - (potential(device, x) - float(potential(device, well)))
     v = np.sqrt(2.0 * np.maximum(above, 0.0))
-    # The energy lost in a cycle is the integral of loss/X' over X, there and back.
+    # The energy lost in a cycle is the integral of loss/X' over X, in both directions.
     lost = np.vectorize(lambda x, v: loss_power(device, x, v, 0.0, True))(x, v)
     action = 2.0 * np.trapezoid(v, x)
     loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)
@@ -114,7 +114,7 @@ def _exponent(device, well):
 
 
 def _ends(device, well, height):
-    """Displacements between which a well's orbits below its lower saddle lie."""
+    """Turning points of a well's orbits below its lower saddle."""
     ends = []
     saddles = timescales.beside(device, well)
     for side in (-1.0, 1.0):

@@ -1,1 +1,1 @@
-"""Common to all folders: errors, files, text, worker processes, compilation, registry."""
+"""Utilities for all packages: errors, files, text, worker processes, compilation, registry."""

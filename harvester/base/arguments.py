@@ -1,4 +1,4 @@
-"""Arguments that many public functions share, checked before anything runs."""
+"""Checks of arguments that many public functions share."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from harvester.base.plain_text import named, nearest, shown
 if TYPE_CHECKING:
     import numpy as np
 
-# Longest list taken from an iterator, which may have no end.
+# Largest number of values taken from an iterator, which may be endless.
 MOST_VALUES = 100_000
-# Smallest last one of three values that may be meant as the number of points of a range.
+# If the last of three values is at least this, they may be meant as a range with a number of
+# points.
 FEWEST_POINTS = 3
 # Most names listed in a message.
 MOST_NAMED = 60
@@ -25,10 +26,10 @@ USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "i
 
 
 def usual_arithmetic() -> np.errstate:
-    """Within the block, numpy's default floating-point warnings, even if the caller set "raise".
+    """Use numpy's default floating-point warnings within the block, even if the caller set "raise".
 
-    `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
-    underflows to 0 is right.
+    `np.seterr(all="raise")` is meant for the caller's arithmetic: here a density may underflow to
+    0.
     """
     import numpy as np
 
@@ -37,10 +38,10 @@ def usual_arithmetic() -> np.errstate:
 
 
 def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[Any, ...]:
-    """The values of a list, also of a generator or an array.
+    """The values of a list, generator or array as a tuple.
 
     `example`: a valid list, for messages; `kind`: class of all values. Raises HarvesterError for a
-    text or another object that is no list, a value of another kind, and a list without an end.
+    text or another object that is not a list, a value of another kind, and an endless list.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
@@ -64,7 +65,7 @@ def listed(values: Any, where: str, example: str, kind: type = object) -> tuple[
 
 
 def real_numbers(values: Any, where: str, example: str) -> tuple[float, ...]:
-    """One finite number or more; `values`, `where`, `example`: see `listed`."""
+    """At least one finite number; `values`, `where`, `example`: see `listed`."""
     items = listed(values, where, example)
     for item in items:
         if not (is_real(item) and math.isfinite(item)):
@@ -75,9 +76,9 @@ def real_numbers(values: Any, where: str, example: str) -> tuple[float, ...]:
 
 
 def table(values: Any, where: str, example: str) -> dict[Any, Any]:
-    """A dictionary's copy.
+    """A copy of a dictionary.
 
-    `values`, `where`, `example`: see `listed`. Raises HarvesterError if it is none.
+    `values`, `where`, `example`: see `listed`. Raises HarvesterError if it is not a dictionary.
     """
     if not isinstance(values, Mapping):
         raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
@@ -94,21 +95,21 @@ def unknown(text: str, name: object, known: Iterable[Any], kind: type = Harveste
 def no_attribute(text: str, name: str, known: Iterable[str]) -> AttributeError:
     """The error about a missing attribute; `text`, `known`: see `unknown`.
 
-    Python, numpy and notebooks ask for names with an underscore, to which nothing is near.
+    Python, numpy and notebooks look up names with an underscore: these get no suggestion.
     """
     private = name.startswith("_")
     return AttributeError(name) if private else unknown(text, name, known, AttributeError)
 
 
 def check_known(function: str, options: Iterable[str], known: Collection[str]) -> None:
-    """Refuse the first option that a function does not have, by UnknownOption."""
+    """Raise UnknownOption for the first option that a function does not have."""
     for option in options:
         if option not in known:
             raise unknown(f"{function}: no option", option, known, UnknownOption)
 
 
 class Named(dict):
-    """Values by their names; an unknown name raises UnknownQuantity with a list of all.
+    """Values by name; an unknown name raises UnknownQuantity with a list of all names.
 
     `where`: beginning of the message, such as "paper: no density of".
     """
@@ -122,7 +123,7 @@ class Named(dict):
 
 
 def check_name(what: str, name: str, known: Collection[str]) -> str:
-    """The name, or HarvesterError with the nearest valid one."""
+    """Return a valid name; otherwise raise HarvesterError with the nearest valid one."""
     if name not in known:
         raise unknown(f"unknown {what}", name, known)
     return name
@@ -131,7 +132,7 @@ def check_name(what: str, name: str, known: Collection[str]) -> str:
 def key_and_values(
     over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
 ) -> tuple[str, tuple[float, ...]]:
-    """The key of a grid along one key, and its values; raises HarvesterError."""
+    """The key and the values of a grid over one key; raises HarvesterError."""
     if isinstance(over, Mapping) and len(over) == 1 and values is None:
         ((key, levels),) = over.items()
         return key, real_numbers(levels, f"over[{key!r}]", "[0.1, 0.2]")
@@ -145,7 +146,7 @@ def key_and_values(
 
 
 def check_processes(options: Mapping[str, Any]) -> None:
-    """Refuse an executor or a runner that takes no calls, by HarvesterError."""
+    """Raise HarvesterError if an executor or runner does not have the required methods."""
     executor, runner = options.get("executor"), options.get("runner")
     if executor is not None and not hasattr(executor, "submit"):
         raise HarvesterError(f"executor = {shown(executor)}: give a concurrent.futures.Executor")
@@ -155,10 +156,10 @@ def check_processes(options: Mapping[str, Any]) -> None:
 
 
 def checked_progress(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
-    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
+    """Wrap the caller's progress function: an exception in it becomes a HarvesterError."""
     if not callable(progress):
         raise HarvesterError(
-            f"progress = {shown(progress)}: must be a function of two arguments, or left out"
+            f"progress = {shown(progress)}: must be a function of two arguments, or omitted"
         )
 
     def follow(share: float, words: str) -> None:
@@ -168,8 +169,8 @@ def checked_progress(progress: Callable[[float, str], object]) -> Callable[[floa
             raise
         except Exception as error:
             raise HarvesterError(
-                f"progress: the function that was given raised {type(error).__name__}: {error}; "
-                "mend it, or leave progress out"
+                f"progress: the given function raised {type(error).__name__}: {error}; "
+                "correct it, or omit progress"
             ) from error
 
     return follow

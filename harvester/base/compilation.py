@@ -1,4 +1,4 @@
-"""Compilation of functions. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
+"""Decorators that compile functions. Arithmetic is C's: 1/0 gives inf, indices are unchecked.
 
 ============  =====================================  ==========================================
 decorator     for                                    why
@@ -16,9 +16,9 @@ overload      code chosen by an argument's type      compiled only within its ca
 intrinsic     LLVM's own instructions                calls by address, numbers side by side
 ============  =====================================  ==========================================
 
-numba takes a third of this program's start. It is therefore imported when compiled code is first
-called: until then a function is `Deferred`, and overloads wait in a list. A module that imports
-numba's own `types`, `intrinsic` and the like from here imports numba at once; they come from
+Importing numba takes a third of this program's start-up time, so it is imported when compiled code
+is first called: until then a function is `Deferred`, and overloads wait in a list. Importing
+numba's `types`, `intrinsic` and the like from here imports numba at once, through
 `harvester.base.numba_patches`.
 """
 
@@ -31,7 +31,7 @@ from typing import Any
 
 from harvester.base.memory import load_libraries_early
 
-# Registrations that wait for the import of numba; None after it.
+# Registrations that wait for the import of numba; None after the import.
 _waiting: list[Callable[[], object]] | None = []
 _importing = threading.RLock()
 
@@ -44,7 +44,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _numba():
-    """The module with numba's parts; its first import runs the registrations that wait for it."""
+    """The module that wraps numba; its first import runs the waiting registrations."""
     global _waiting
     from harvester.base import numba_patches
 
@@ -65,7 +65,7 @@ def _with_numba(register):
 
 
 class Deferred:
-    """A function that numba compiles; numba is imported when any attribute is first used."""
+    """A compiled function; the first use of an attribute imports numba."""
 
     def __init__(self, function: Callable, options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
@@ -75,7 +75,8 @@ class Deferred:
         return self._dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        # `_numba_type_` among them: numba compiles calls of this as calls of the dispatcher.
+        # This includes `_numba_type_`: numba compiles calls of this object as calls of the
+        # dispatcher.
         return getattr(self._dispatcher, name)
 
     @functools.cached_property
@@ -86,7 +87,7 @@ class Deferred:
 
 
 def _compiling(**options):
-    """The decorator of functions that are compiled with some options of numba's."""
+    """Make a decorator that compiles functions with given options of numba."""
 
     def decorate(function=None, **more):
         if function is None:
@@ -99,7 +100,8 @@ def _compiling(**options):
 # For loops that create no array: reference counting would cost more than their work.
 UNCOUNTED = {"_nrt": False}
 INLINE = {"forceinline": True}
-# For functions that only compiled code calls: an entry point for C takes a third longer to compile.
+# For functions that only compiled code calls: without an entry point for C they compile a third
+# faster.
 WITHIN = {"no_cfunc_wrapper": True}
 COMMON = {"error_model": "numpy"}
 
@@ -111,7 +113,7 @@ summing = _compiling(cache=True, fastmath={"reassoc", "nsz", "contract"}, **COMM
 
 
 def overload(function: Callable, **options: Any) -> Callable:
-    """numba's decorator of this name: its function chooses code by the arguments' types."""
+    """numba's decorator of this name: the function selects code by the arguments' types."""
 
     def decorate(choose):
         options.setdefault("jit_options", WITHIN)
@@ -122,16 +124,16 @@ def overload(function: Callable, **options: Any) -> Callable:
 
 
 def register_jitable(function: Callable) -> Callable:
-    """Let compiled code call a function, which Python calls unchanged."""
+    """Let compiled code call a function; for Python it stays unchanged."""
     _with_numba(lambda: _numba().extending.register_jitable(**WITHIN)(function))
     return function
 
 
 def merged(function: Callable) -> Callable:
-    """Let LLVM write a function into its callers: compiles faster than `inlined` for a large one.
+    """Let LLVM inline a function into its callers: faster to compile than `inlined` if it is large.
 
-    Uncounted as well. If a caller knows beforehand that an argument is True or None, the compiled
-    code omits the branch that is never taken. Python calls the function unchanged.
+    References are not counted. If an argument is known to be True or None when a caller is
+    compiled, the unused branch is omitted. For Python the function stays unchanged.
     """
     options = {**COMMON, **UNCOUNTED, **INLINE, **WITHIN}
     overload(function, jit_options=options, strict=False, prefer_literal=True)(
@@ -141,7 +143,7 @@ def merged(function: Callable) -> Callable:
 
 
 def numbers_of(part: Any) -> list[float]:
-    """All numbers of a nested tuple one after another, as it lies in the memory of compiled code.
+    """All numbers of a nested tuple, in the order of compiled code's memory.
 
     `part`: a part of a device, such as a `harvester.device.system.System`.
     """
@@ -151,12 +153,12 @@ def numbers_of(part: Any) -> list[float]:
 
 
 def address_of(function: Any, *arguments: Any) -> int:
-    """Address at which C can call a function for arguments of these types; compiled if need be.
+    """Address at which C can call a function for arguments of these types; compiled if necessary.
 
-    If the types are in its signature, it is cached on disk; a function made for each kind
-    of device, with the kind among its free variables, is not.
+    Compiled code is cached on disk if the types are in its signature, but not if the kind of device
+    is a free variable of the function.
 
-    `function`: a function that `compiled` has decorated.
+    `function`: a function decorated by `compiled`.
     """
     if arguments not in function.overloads:
         function.compile(arguments)

@@ -40,7 +40,7 @@ class CompiledDeviceUnavailable(HarvesterError):
 
 
 class NetlistError(HarvesterError):
-    """A netlist or a behavioural expression was refused before it reached ngspice."""
+    """A netlist or a behavioural expression was rejected before it reached ngspice."""
 
 
 class LoadError(HarvesterError):
@@ -56,19 +56,19 @@ class OutputError(HarvesterError):
 
 
 class FolderInUse(OutputError):
-    """Another run is at work in a study's folder."""
+    """Another run uses the study's folder."""
 
 
 class AveragingError(HarvesterError):
-    """A closure does not hold for these parameters."""
+    """A closure is not valid for these parameters."""
 
 
 class OptimumError(HarvesterError):
-    """There is no maximum inside the range, or none that exceeds the noise."""
+    """There is no maximum inside the range, or it does not exceed the noise."""
 
 
 class IdentificationError(HarvesterError):
-    """The measured records do not determine the values asked for."""
+    """The measured records do not determine the requested values."""
 
 
 class SimulationError(HarvesterError):
@@ -99,11 +99,11 @@ class SimulatorTimeout(SimulationError):
 
 
 class SimulatorAborted(SimulationError):
-    """The simulator gave up and said why."""
+    """The simulator stopped with an error message."""
 
 
 class NotConverged(SimulatorAborted):
-    """Newton's iterations failed at the shortest step; other options of ngspice may help."""
+    """Newton's iterations failed at the shortest step; other ngspice options may help."""
 
 
 class LoadChatters(SimulatorAborted):
@@ -113,11 +113,11 @@ class LoadChatters(SimulatorAborted):
 
 
 class SolutionDiverged(SimulationError):
-    """The solution holds values that are not finite, or ends before the end time."""
+    """The solution contains values that are not finite, or ends before the end time."""
 
 
 class SpringRangeLeft(SimulationError):
-    """The mass left the range in which the scene's spring is known."""
+    """The mass left the range of the scene's spring."""
 
 
 class EnergyNotBalanced(SimulationError):
@@ -129,8 +129,8 @@ class OutOfTime(SimulationError):
 
 
 class MissingLibrary(HarvesterError):
-    """An optional library is asked for and not installed."""
+    """A required optional library is not installed."""
 
 
 class ProgramNotFound(HarvesterError):
-    """Another program is asked for and not installed."""
+    """A required external program is not installed."""

@@ -16,9 +16,9 @@ from harvester.base.surroundings import PACKAGE, away_from_working_folder
 def load_matplotlib() -> None:
     """Import matplotlib and its styles without any settings file, for any MPLBACKEND.
 
-    It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
-    damaged would end every figure, and a pipe in its place would be waited for without end. Who
-    imports matplotlib first has the settings of those files.
+    On import matplotlib reads `matplotlibrc` and the user's styles: a damaged file would break
+    every figure, and a pipe would block. If the caller has already imported matplotlib, its
+    settings apply.
     """
     if "matplotlib" not in sys.modules:
         with _variables(MATPLOTLIBRC=os.devnull, MPLBACKEND=None), away_from_working_folder():
@@ -37,11 +37,11 @@ def _choose_backend(matplotlib):
 
 
 def _import_styles():
-    """matplotlib's own styles, and none of the folder of the user's settings."""
+    """Import matplotlib's styles without the user's styles."""
     import matplotlib
 
     folder_of_settings = matplotlib.get_configdir
-    # A folder without styles: the user's own styles are not read.
+    # This folder contains no styles, so no user's styles are read.
     matplotlib.get_configdir = lambda: str(PACKAGE)
     try:
         import matplotlib.style
@@ -72,7 +72,8 @@ def _set(values):
 def figure_settings(*styles: str | Path) -> Iterator[None]:
     """Draw within the block by matplotlib's defaults and these styles alone.
 
-    A `matplotlibrc` could have TeX run; a glyph that no font has is a box, and no warning.
+    A `matplotlibrc` could run TeX; a glyph missing from all fonts is drawn as a box, without a
+    warning.
     """
     load_matplotlib()
     from matplotlib import style

@@ -1,6 +1,6 @@
-"""Numbers as people print them: two digits of the error, a prefix before the unit.
+"""Formats numbers for reading: two digits of the error, a prefix before the unit.
 
-The only home of how a number is written for reading; JSON and CSV hold full precision.
+All numbers for reading are formatted here; JSON and CSV contain full precision.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ import math
 from typing import Protocol
 
 NO_ERROR_BAR = " (no error bar)"
-# Most digits of a value. More would show rounding.
+# Largest number of digits of a value: further digits are rounding errors.
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix. Seconds take only prefixes below 1.
 PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz", "Pa")
 SHARES = ("efficiency", "share")
-# Numbers from here on are printed with a power of ten.
+# Numbers from this one on are printed with a power of ten.
 LONGEST = 1e7
 # Counts above this are rounded to two digits.
 ROUNDED_COUNT = 1000.0
@@ -24,7 +24,7 @@ ROUNDED_COUNT = 1000.0
 class Printed(str):
     """A printed number that keeps its value, its standard error, its unit and its estimate.
 
-    Tables of results hold them: a terminal prints the text, a data frame takes the value.
+    Tables of results contain them: a terminal prints the text, a data frame uses the value.
 
     >>> power = quantity(2.5e-3, "W")
     >>> power, power.value, power.unit
@@ -65,7 +65,7 @@ class Estimated(Protocol):
 
 
 def with_error(estimate: Estimated, unit: str = "") -> Printed:
-    """ "682 ± 12 µW", or the bare value and that it has no error bar."""
+    """ "682 ± 12 µW", or the value with "(no error bar)"."""
     value, error = estimate.estimate, estimate.standard_error
     if not math.isfinite(value):
         return Printed(NOT_KNOWN, math.nan, None, unit, estimate=estimate)
@@ -77,13 +77,14 @@ def with_error(estimate: Estimated, unit: str = "") -> Printed:
 
 
 def largest(estimate: Estimated) -> float:
-    """The larger of a value and its error, which decides how both are printed."""
+    """The larger of a value and its error, which determines the format of both."""
     sizes = (abs(estimate.estimate), estimate.standard_error or 0.0)
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
 
 def value_and_error(value: float, error: float | None) -> Printed:
-    """ "0.02745 ± 0.00012"; an error of 0 is left out, one below the value's last digit bounded.
+    """ "0.02745 ± 0.00012"; an error of 0 is omitted, one below the value's last digit is shown as
+    a bound.
 
     Examples
     --------
@@ -136,7 +137,7 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """The factor that a value is shown with, and the unit with its prefix.
+    """Factor for printing a value, and the unit with its prefix.
 
     Examples
     --------
@@ -170,7 +171,7 @@ def quantity(value: float, unit: str = "", digits: int = 4) -> Printed:
 
 
 def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
-    """ "0.5 kΩ … 2 kΩ": both ends of an interval; a dash where one is not known."""
+    """ "0.5 kΩ … 2 kΩ": both ends of an interval; a dash for an unknown end."""
     if not math.isfinite(low + high):
         return Printed(NOT_KNOWN, unit=unit, ends=(math.nan, math.nan))
     text = f"{quantity(low, unit, digits)} … {quantity(high, unit, digits)}"
@@ -178,7 +179,7 @@ def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
 
 
 def number(value: float, digits: int = 4) -> Printed:
-    """A plain number; a dash where there is none.
+    """A plain number; a dash for NaN and infinity.
 
     Examples
     --------
@@ -196,7 +197,7 @@ def _number(value, digits):
 
 
 def written(value: float, how: str, unit: str = "") -> Printed:
-    """A number by one of Python's format specifications; a dash where there is none.
+    """A number by a Python format specification; a dash for NaN and infinity.
 
     >>> written(0.01234, "+.1%"), written(float("nan"), ".3g")
     ('+1.2%', '—')
@@ -215,5 +216,5 @@ def count(size: float | None) -> Printed:
 
 
 def is_share(name: str) -> bool:
-    """Whether a quantity is printed in percent, by its name."""
+    """Whether the quantity of this name is printed in percent."""
     return any(word in name for word in SHARES)

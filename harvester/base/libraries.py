@@ -9,8 +9,8 @@ from harvester.base.errors import MissingLibrary
 def install_command(extra: str) -> str:
     """Return the command that installs an extra of the distribution that holds this package.
 
-    A distribution of another project may be called `harvester`, so the name is read from the
-    metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
+    Another project's distribution may be called `harvester`, so the name is read from the metadata
+    of the distribution with our command. Without metadata it is a clone: ".".
     """
     from importlib.metadata import entry_points
 
@@ -21,10 +21,10 @@ def install_command(extra: str) -> str:
 
 
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
-    """Import a library that belongs to an extra of this project, or say how to install it.
+    """Import a library of an extra of this project.
 
-    `purpose`: purpose of the library, for the message. `extra`: name of the extra in
-    pyproject.toml that installs it. Raises MissingLibrary if it is not installed.
+    `purpose`: purpose of the library, for the message. `extra`: name of the extra in pyproject.toml
+    that installs it. Raises MissingLibrary, with the command to install it, if it is missing.
     """
     try:
         return importlib.import_module(name)

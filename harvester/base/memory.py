@@ -1,6 +1,6 @@
-"""Checks at the start whether the libraries fit into a limited memory.
+"""Checks at start-up whether the libraries fit into a limited memory.
 
-OpenBLAS tries again without end where it gets no memory as it is loaded, or at its first call.
+If OpenBLAS gets no memory when it is loaded or first called, it retries endlessly.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ IMPORTED_LATER = (
     "scipy.sparse.linalg",
     "scipy.stats",
 )
-# For each limit its line of /proc/self/status, the shell's name for it, and how much more memory
-# than numpy's the libraries take, in bytes, measured with numba 0.68 and scipy 1.18.
+# For each limit its line of /proc/self/status, its name in the shell, and the memory of the
+# libraries in addition to numpy (bytes), measured with numba 0.68 and scipy 1.18.
 LIMITS = {
     "RLIMIT_AS": ("VmSize", "address space (ulimit -v)", 400 << 20),
     "RLIMIT_DATA": ("VmData", "data (ulimit -d)", 180 << 20),
@@ -27,15 +27,15 @@ LIMITS = {
 
 
 def load_libraries_early() -> bool:
-    """If memory is limited, import the libraries of later calls now; return whether it is limited.
+    """If memory is limited, import libraries that are needed later; return whether it is limited.
 
-    Raises MemoryError where it will not fit.
+    Raises MemoryError if they do not fit.
     """
     if not _is_limited():
         return False
     for name in IMPORTED_LATER:
         importlib.import_module(name)
-    # The libraries' copies of BLAS take their buffers, one thread's, at their first call.
+    # The libraries' copies of BLAS allocate the buffers of one thread at their first call.
     import numpy as np
     from scipy import linalg
     from threadpoolctl import threadpool_limits
@@ -47,7 +47,7 @@ def load_libraries_early() -> bool:
 
 
 def _is_limited():
-    """Whether this process's memory is limited; MemoryError where the libraries will not fit."""
+    """Whether this process's memory is limited; raises MemoryError if the libraries do not fit."""
     limited = False
     for name, (line, words, needed) in LIMITS.items():
         limit = _limit(name)
@@ -63,7 +63,7 @@ def _is_limited():
 
 
 def _limit(name):
-    """A limit of this process (bytes); None where there is none."""
+    """A limit of this process (bytes); None if unlimited."""
     try:
         import resource
     except ImportError:

@@ -1,4 +1,4 @@
-"""Base class of all methods (engines and closures): an object whose fields are its settings."""
+"""Base class of all methods (engines and closures), whose fields are settings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Method(ABC):
 
     @property
     def label(self) -> str:
-        """The name of the method, with the settings by which it differs from others."""
+        """The name of the method, with the settings that differ from their defaults."""
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
         return f"{self.name} ({settings})" if settings else self.name
 
@@ -53,7 +53,7 @@ class Method(ABC):
         return self.label
 
     def as_arguments(self, key: str) -> dict[str, Any]:
-        """An engine as plain arguments of a task, which name the task's answer.
+        """An engine as plain arguments of a task, which are part of the task's key.
 
         Parameters
         ----------
@@ -66,21 +66,19 @@ class Method(ABC):
         return {key: self.name, "step": step, **({"settings": settings} if settings else {})}
 
     def with_options(self, options: Mapping[str, Any]) -> Self:
-        """This method with the options of a call; options that the method does not have are
-        ignored.
+        """This method with a call's options; options that it does not have are ignored.
 
         Parameters
         ----------
         options : mapping of str to object
-            None means that the option is left out.
+            None means that the option is omitted.
         """
         names = {field.name for field in fields(self)}
         stated = {name: value for name, value in options.items() if value is not None}
         return replace(self, **{name: value for name, value in stated.items() if name in names})
 
     def check_options_agree(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
-        """Check that the options of a call do not contradict this method, which was given as an
-        object.
+        """Check that a call's options do not contradict this method object.
 
         Raises
         ------
@@ -93,8 +91,8 @@ class Method(ABC):
             if not hasattr(self, name) or getattr(self, name) != value:
                 raise HarvesterError(
                     f"{name} = {shown(value)}: not allowed with a method given as an object; "
-                    f"write {type(self).__name__}({name}=…), where it has such a setting"
+                    f"write {type(self).__name__}({name}=…), if it has this setting"
                 )
-            message = f"{name}= is given twice, by itself and in {type(self).__name__}"
+            message = f"{name}= is given twice, as an option and in {type(self).__name__}"
             warnings.warn(message, DeprecationWarning, stacklevel=5)
         return self

@@ -1,4 +1,4 @@
-"""A progress bar in notebooks, for long calls that were given no `progress`."""
+"""A progress bar in notebooks, for long calls without `progress`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from typing import Any
 
-# A call that is shorter (s) shows no bar, which would only flicker.
+# Shorter calls (s) show no bar, since it would only flicker.
 SHOW_AFTER_SECONDS = 1.0
 # Shortest time (s) between two updates, each of which is a message to the browser.
 UPDATE_SECONDS = 0.1
@@ -20,9 +20,9 @@ _HAS_BAR = ContextVar("has_bar", default=False)
 
 @contextlib.contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[float, str], None] | None]:
-    """A function of the share done and a few words that shows a bar; it goes when the block ends.
+    """A function of (finished share, description) that shows a bar until the block ends.
 
-    None outside a notebook, and inside another bar's block.
+    None outside a notebook, and within the block of another bar.
     """
     ipython = sys.modules.get("IPython")
     in_notebook = ipython and hasattr(ipython.get_ipython(), "kernel")

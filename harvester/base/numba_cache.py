@@ -1,6 +1,6 @@
-"""Folder of numba's compiled code, and whether it is safe: it is pickled machine code.
+"""Folder of numba's compiled code, and checks that it is safe: it contains pickled machine code.
 
-Nothing of numba is changed here: `harvester.base.numba_patches` does that.
+`harvester.base.numba_patches` changes numba; this module does not.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from typing import Any
 
 from harvester.base.surroundings import PACKAGE, foreign_writers_of, other_writers
 
-# The cache holds code for types of these packages only. Code for a part of another package is
-# compiled again in each process, since other processes may lack that package.
+# The cache holds code for types of these packages only. Code for other packages is compiled in each
+# process, since other processes may lack the package.
 OWN = ("harvester", "circuits")
 DIGEST_BYTES = hashlib.sha256().digest_size
 IMPORT = re.compile(
@@ -31,18 +31,21 @@ IMPORT = re.compile(
 def keep_environment_usable() -> None:
     """Remove environment variables with values that make numba fail.
 
-    That is a number of threads below 1, and where its cache is looked for: nothing here uses its
-    threads, and `is_safe` judges the usual places of the cache.
+    These are a number of threads below 1, since its threads are unused, and the search path of its
+    cache, since `is_safe` checks the default places.
     """
     os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)
     with contextlib.suppress(ValueError):
-        # numba itself ignores a value that is no number.
+        # numba ignores a value that is not a number.
         if int(os.environ.get("NUMBA_NUM_THREADS", "1")) < 1:
             del os.environ["NUMBA_NUM_THREADS"]
 
 
 def plain_file(path: str) -> bytes | None:
-    """The bytes of a file that only this user or the program's owner may change; else None."""
+    """The bytes of a regular file that only this user or the program's owner can change.
+
+    None if it is missing, or if it is another kind of file, which is reported.
+    """
     try:
         # O_NONBLOCK: a pipe under this name does not block.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -59,17 +62,16 @@ def plain_file(path: str) -> bytes | None:
 
 
 def begins_with_text(content: bytes) -> bool:
-    """Whether the data begin with a pickled text, such as the version at the head of an index."""
+    """Whether the data begin with a pickled string, such as an index's version."""
     try:
         return isinstance(pickle.loads(content), str)
-    # Damaged bytes may raise anything.
+    # Damaged bytes may raise any exception.
     except Exception:
         return False
 
 
 def unpickled(content: bytes, path: str) -> Any:
-    """Unpickle the content after a digest; None if the digest does not match or a class is
-    missing."""
+    """Unpickle the content after its digest; None if the digest is wrong or a class is missing."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         on_damage(path)
@@ -85,7 +87,7 @@ def _say_damage(path: str) -> None:
     if not _said:
         _said.append(path)
         print(
-            f"harvester: {path}: compiled code is damaged, or other users may write it; it is "
+            f"harvester: {path}: the compiled code is damaged, or other users can change it; it is "
             "compiled again",
             file=sys.stderr,
         )
@@ -101,10 +103,10 @@ on_compilation: Callable[[int], object] = abs
 
 @contextlib.contextmanager
 def alone(folder: Path, name: str) -> Iterator[None]:
-    """Within the block, hold a lock so that no other process compiles the same function.
+    """Hold a lock within the block, so that no other process compiles the same function.
 
-    A byte of one file is locked. The system releases it when the process ends. Where no lock can be
-    had, several processes may compile.
+    The lock is on a byte of one file; the system releases it when the process ends. If locking
+    fails, several processes may compile.
     """
     offset = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
     handle, fcntl = _lock_file(folder)
@@ -146,14 +148,14 @@ def modules_of(kind: Any) -> Iterator[str]:
 
 
 def is_foreign(kind: Any) -> bool:
-    """Whether a numba type, or one within it, belongs to a class of another program."""
+    """Whether a numba type, or a type within it, belongs to a class of another package."""
     return any(module.partition(".")[0] not in OWN for module in modules_of(kind))
 
 
 def sources(modules: Iterable[str]) -> dict[str, str]:
-    """Digests of all files that code of these modules is compiled from, by names of modules.
+    """Digests, by module, of all files from which code of these modules is compiled.
 
-    These are the modules and, recursively, the modules that they import at their head. Imports
+    These are the modules and, recursively, the modules that they import at module level. Imports
     within functions are not compiled.
     """
     reached: dict[str, str] = {}
@@ -168,7 +170,7 @@ def sources(modules: Iterable[str]) -> dict[str, str]:
 
 @functools.cache
 def _source(name):
-    """Digest of a module's file, and the names that it imports at its head, modules or not."""
+    """Digest of a module's file, and all names that it imports at module level."""
     file = getattr(sys.modules.get(name), "__file__", None)
     if file is None:
         return "", ()
@@ -181,7 +183,7 @@ def _source(name):
 
 
 def is_safe() -> bool:
-    """Whether nobody but this user and the program's owner may write to numba's cache.
+    """Whether only this user and the program's owner can write to numba's cache.
 
     It is in NUMBA_CACHE_DIR, else next to the sources, else in a folder of the user.
     """

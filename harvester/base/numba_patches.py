@@ -1,12 +1,12 @@
-"""numba, all changes to it and all uses of its private parts.
+"""The import of numba, all changes to it and all uses of its private parts.
 
-It is imported here and nowhere else: when it is imported and whenever it compiles, it reads a file
-`.numba_config.yaml` of the working folder, which may name a folder of code.
+numba is imported only here: on import and at every compilation it reads `.numba_config.yaml` of the
+working folder, which may name a folder of code.
 
-Each change was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as the
-replaced source is the same: `tests/harvester/base/test_numba_patches.py` compares its digest with
+Each change was tested with numba 0.68.1 (`TRIED_WITH`) and is valid from 0.61 on while the replaced
+source is unchanged: `tests/harvester/base/test_numba_patches.py` compares its digest with
 `REPLACED` and fails if numba has changed it. Then read the new source, check that the patch still
-does as documented, and write the new digest here.
+works as documented, and enter the new digest here.
 
 ==================================  ==============================================================
 what                                why
@@ -57,7 +57,7 @@ TRIED_WITH = "0.68.1"
 
 
 def digest_of(part: Any) -> str:
-    """Digest of the source of a class or function, to detect that it has changed."""
+    """Digest of the source of a class or function, to detect changes."""
     return hashlib.sha256(inspect.getsource(part).encode()).hexdigest()[:16]
 
 
@@ -68,7 +68,7 @@ ORIGINAL = {
     "numba.core.caching.Cache.load_overload": caching.Cache.load_overload,
     "numba.core.dispatcher.Dispatcher.compile": dispatcher.Dispatcher.compile,
 }
-# Digests of their source in the release that the patches were tested with.
+# Digests of the originals' source in the release with which the patches were tested.
 REPLACED = {
     "numba.core.caching.IndexDataCacheFile": "953c3b4c113b8f4d",
     "numba.core.caching.Cache._index_key": "c861935e10096c3c",
@@ -84,10 +84,10 @@ def read_no_settings_file() -> None:
 
 
 def keep_own_index() -> None:
-    """Make numba's cache hold types of this program only, and take no file that is damaged.
+    """Limit numba's cache to types of this program, and reject damaged files.
 
-    An index is read whole: with a type whose module is gone numba would stop there. A file whose
-    digest does not match is compiled again, with a warning; one that cannot be written is skipped.
+    An index is read as a whole: a type of a missing module would make numba fail. If a digest does
+    not match, code is compiled again, with a warning; a file that cannot be written is skipped.
     """
 
     class OwnIndex(caching.IndexDataCacheFile):
@@ -135,8 +135,8 @@ def keep_own_index() -> None:
 def name_by_sources() -> None:
     """Use cached code only if none of its source files has changed.
 
-    Otherwise an unchanged integrator would keep the old force law. A change of a file leaves the
-    code of all other files valid.
+    Otherwise an unchanged integrator would keep an old force law. Code of unrelated files remains
+    valid.
     """
     name_alone = caching.Cache._index_key
 
@@ -166,7 +166,7 @@ def load_alone() -> None:
 def wait_for_other_processes() -> None:
     """Make a process wait for code that another process is compiling, and load that code.
 
-    Workers that begin together would all compile the same for seconds.
+    Otherwise workers that start together would all compile the same code for seconds.
     """
     compile_now = dispatcher.Dispatcher.compile
 
@@ -175,7 +175,7 @@ def wait_for_other_processes() -> None:
         if isinstance(self._cache, caching.NullCache):
             return compile_now(self, signature)
         name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
-        # The process's own lock comes first, so that only one of its threads waits for other
+        # The lock within the process comes first, so that only one thread waits for other
         # processes.
         numba_cache.on_compilation(1)
         try:
@@ -197,6 +197,5 @@ keep_own_index()
 name_by_sources()
 load_alone()
 wait_for_other_processes()
-# Without the cache everything is compiled at every start. That takes some seconds and changes no
-# number.
+# Without the cache everything is compiled at every start, which takes some seconds.
 CACHED = numba_cache.is_safe()

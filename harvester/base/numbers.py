@@ -1,4 +1,4 @@
-"""Numbers with the suffixes of electronics, as people write and read them: 200k, 4.7meg, 43n."""
+"""Reads numbers with SPICE's suffixes: 200k, 4.7meg, 43n."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBER = re.compile(
 
 
 class NotANumber(ValueError):
-    """A text is no number, or is ambiguous; the message gives the correct form."""
+    """A text is not a number, or is ambiguous; the message gives the correct form."""
 
 
 def is_real(value: object) -> bool:
@@ -25,12 +25,12 @@ def is_real(value: object) -> bool:
 
 
 def is_whole(value: object, least: int) -> bool:
-    """Whether a value is a whole number, not True or False, and not below the least."""
+    """Whether a value is a whole number ≥ `least`, not True or False."""
     return is_real(value) and isinstance(value, numbers.Integral) and int(value) >= least
 
 
 def on_quotes(value: object) -> str:
-    """A remark on the quotes of a number that was given as a text.
+    """A remark on quotes around a number that was given as text.
 
     >>> on_quotes("0.1"), on_quotes("high")
     ('; write 0.1 without quotes', '')
@@ -43,7 +43,7 @@ def on_quotes(value: object) -> str:
 def number(text: str, unit: str | None = None) -> float:
     """The number of a text such as "306e3", "200k" or "4.7meg".
 
-    `unit`: unit that the number must have; None if there is no such unit. Raises NotANumber.
+    `unit`: required unit of the number; None if any unit is possible. Raises NotANumber.
 
     Examples
     --------
@@ -58,9 +58,7 @@ def number(text: str, unit: str | None = None) -> float:
         raise NotANumber(f"write a number, perhaps followed by one of {_LISTED}")
     digits, exponent, suffix = match.groups()
     if suffix == "M":
-        raise NotANumber(
-            f"M is a million to people and a thousandth to SPICE: write {digits}meg or {digits}m"
-        )
+        raise NotANumber(f"M is 1e6 in SI and 1e-3 in SPICE: write {digits}meg or {digits}m")
     power = POWERS.get(suffix if suffix in POWERS else suffix.lower())
     if suffix == "g":
         from scipy.constants import g
@@ -80,6 +78,6 @@ def number(text: str, unit: str | None = None) -> float:
                 f"write {match[0].removesuffix(suffix).rstrip()}{prefix}, without the unit {symbol}"
             )
     if power is None:
-        raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
+        raise NotANumber(f"unknown suffix {suffix}: there are {_LISTED}")
     # Converted as text, so that 200k equals 200e3 to the last digit.
     return float(f"{digits}e{int(exponent or 0) + power}")

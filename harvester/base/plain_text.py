@@ -1,8 +1,8 @@
-"""Text from outside (names of files, keys, messages), made safe to show and to write.
+"""Sanitizes external text (file names, keys, messages) for display and for files.
 
-Displayed text goes through `one_line`, values and keys in messages through `shown` and `named`;
-text that becomes part of netlists, figures, tables and names of files is made a name by `name`
-where it enters; JSON keeps every character, by `json_text`.
+Displayed text passes through `one_line`, values and keys in messages through `shown` and `named`.
+Text for netlists, figures, tables and file names is converted by `name` when it is read.
+`json_text` keeps every character.
 """
 
 from __future__ import annotations
@@ -17,25 +17,24 @@ from typing import Any
 
 # Characters with a meaning in ngspice, LTspice, shells, TeX or file systems.
 _MEANT = re.compile(r"""[$\\{}"'`<>|*?:;/!^]""")
-# Longest name in bytes of UTF-8. A file's name has 255, so that there is room for an ending.
+# Longest name in bytes of UTF-8: file names may have 255, which leaves room for a suffix.
 LONGEST_NAME = 150
 # Longest name or value shown in a message, in characters.
 LONGEST_NAMED = 300
 LONGEST_SHOWN = 80
-# Longer whole numbers are shown by their number of digits. Python itself refuses to print very long
-# ones.
+# Longer integers are shown by their number of digits: Python does not print very long ones.
 LONGEST_NUMBER_BITS = 128
-# Limits on the words that are compared: the time is proportional to the product of their lengths.
+# Limits on compared words: the time is proportional to the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
-# Share of common letters from which on a valid word is suggested.
+# Smallest share of common letters for which a valid word is suggested.
 LEAST_COMMON_SHARE = 0.5
 
 
 def one_line(text: object) -> str:
     """Printable text on one line.
 
-    Blanks of every kind become a space, and unprintable characters (control characters, marks that
-    turn the direction of writing, undecodable bytes) its escape.
+    White space becomes a space; unprintable characters (control characters, marks of the writing
+    direction, undecodable bytes) become their escapes.
 
     Examples
     --------
@@ -62,7 +61,7 @@ def name(text: object) -> str:
     """
     letters = (letter if letter.isprintable() else "_" for letter in str(text))
     cleaned = _MEANT.sub("_", "".join(letters)).strip()
-    # A name that begins so would be an option, a formula or a continued line somewhere.
+    # A name with such a first character could be read as an option, a formula or a continued line.
     cleaned = re.sub(r"^[-+=@.]", "_", cleaned)
     return cleaned.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
 
@@ -96,7 +95,7 @@ _SHORT = _Short()
 
 
 def shown(value: Any) -> str:
-    """A value as Python writes it, shortened to one printable line.
+    """A value in Python's notation, shortened to one printable line.
 
     >>> shown(10**400), shown([1, "a\\nb"])
     ('a whole number of about 401 digits', "[1, 'a\\\\nb']")
@@ -106,7 +105,7 @@ def shown(value: Any) -> str:
 
 
 def named(name: object) -> str:
-    """A key, a file's name or a reason without quotes where it is short and printable.
+    """A key, a file's name or a reason; quoted unless it is short and printable.
 
     >>> named("run.seed"), named("run.\\x1b[31m")
     ('run.seed', "'run.\\\\x1b[31m'")
@@ -116,9 +115,9 @@ def named(name: object) -> str:
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
-    """Say " (did you mean …?)" with a space in front where a known word is close, else nothing.
+    """ " (did you mean …?)" if a known word is similar, else "".
 
-    A dotted key is near by its last part too.
+    The last part of a dotted key is also compared.
 
     >>> nearest("resistanze", ["resistance", "decay_rate"]), nearest("seed", ["run.seed", "scheme"])
     (' (did you mean resistance?)', ' (did you mean run.seed?)')

@@ -1,4 +1,4 @@
-"""Reading of files that a user names: whole, if plain and of limited size."""
+"""Reads files named by a user as a whole, if they are regular files of limited size."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 
-# Largest share of the machine's memory, and largest number of bytes, for one record.
+# Memory limit for one record: largest share of the machine's memory, and largest number of bytes.
 MEMORY_SHARE = 0.25
 LARGEST_MEMORY = 4 * 2**30
 
@@ -23,7 +23,7 @@ _SORTS = (
 
 
 def memory_limit() -> int:
-    """Largest memory for reading and conditioning one record, in each process (bytes)."""
+    """Memory limit for reading and conditioning one record, per process (bytes)."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return int(min(MEMORY_SHARE * physical, LARGEST_MEMORY))
 
@@ -31,14 +31,14 @@ def memory_limit() -> int:
 def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     """The bytes of a plain file.
 
-    Raises SceneError if it is no plain file (a device or a pipe has no end), is larger, or cannot
-    be read.
+    Raises SceneError if the file is not regular (a device or pipe may be endless), is larger than
+    `largest`, or cannot be read.
     """
     where = named(str(file))
     try:
         # Checked before it is opened, since opening a device may have an effect.
         _check(os.stat(file), where, noun, largest)
-        # O_NONBLOCK: a pipe that has replaced the file since then does not block.
+        # O_NONBLOCK: if a pipe has replaced the file since then, opening does not block.
         descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as stream:
             return stream.read(_check(os.fstat(descriptor), where, noun, largest))
@@ -54,12 +54,10 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
 
 
 def _check(status, where, noun, largest):
-    """Return the size of a file in bytes; raise if it is no plain file or too large."""
+    """Return the size of a file in bytes; raise if it is not regular or too large."""
     for is_sort, sort in _SORTS:
         if is_sort(status.st_mode):
-            raise SceneError(
-                f"{where}: is {sort}; a {noun} is read from a plain file: save it in one"
-            )
+            raise SceneError(f"{where}: is {sort}; a {noun} must be a regular file: save it as one")
     if status.st_size > largest:
         raise SceneError(
             f"{where}: is too large for a {noun}: {status.st_size / 1e6:.4g} MB, and "

@@ -1,6 +1,6 @@
-"""Parts of one kind by name: this program's own, and those that installed packages add.
+"""Parts of one kind by name: built-in ones, and those of installed packages.
 
-A package adds a part by an entry point of the kind's group, in its pyproject.toml:
+A package registers a part by an entry point of the kind's group in its pyproject.toml:
 
     [project.entry-points."harvester.contact_laws"]
     dashpot = "my_package.dashpot:made"
@@ -20,8 +20,8 @@ Part = TypeVar("Part")
 class Registry(UserDict[str, Part]):
     """Parts by name: the built-in ones, and the entry points of a group.
 
-    Entry points are looked up when a name is asked for that is not there: reading their list takes
-    some hundredths of a second, and loading one imports another package.
+    Entry points are looked up only for a name that is not built in: reading their list takes some
+    hundredths of a second, and loading one imports another package.
     """
 
     def __init__(self, group: str, own: Mapping[str, Part]) -> None:
@@ -49,7 +49,7 @@ class Registry(UserDict[str, Part]):
             self[point.name]
 
     def name_of(self, part: Part) -> str:
-        """Return the name under which a part is registered; register it if this process has not.
+        """Return the name of a registered part; load it in this process if necessary.
 
         Raises
         ------
@@ -70,8 +70,8 @@ def _entry_points(**selected):
 
 @functools.cache
 def _installed(path, **selected):
-    """Entry points of the packages on the import path; reading their list takes half a second."""
-    # importlib.metadata takes 10 % of the time of `harvester COMMAND --help`.
+    """Entry points of the packages on the import path, cached: reading takes half a second."""
+    # Imported here: it takes 10 % of the time of `harvester COMMAND --help`.
     from importlib import metadata
 
     return metadata.entry_points(**selected)

@@ -1,4 +1,4 @@
-"""Frozen dataclasses as plain values for JSON, and back, by the types of their fields.
+"""Converts frozen dataclasses to plain values for JSON and back, by the types of their fields.
 
 >>> from dataclasses import dataclass, field
 >>> @dataclass(frozen=True)
@@ -27,7 +27,7 @@ from harvester.base.plain_text import shown
 from harvester.base.writing import finite
 
 _KEY = "key in JSON"
-# Metadata of a field that is left out of JSON.
+# Metadata of a field that is omitted in JSON.
 LEFT_OUT = {_KEY: None}
 
 
@@ -49,9 +49,9 @@ def fields_of(instance: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON takes it: NaN and infinity become null, arrays and tuples become lists.
+    """A value for JSON: NaN and infinity become null, arrays and tuples become lists.
 
-    An object with a `to_dict` is converted by it; of other dataclasses all fields are taken.
+    An object with `to_dict` is converted by it; of other dataclasses all fields are written.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain value for JSON")
 
 
-# For each type of a plain value a test of it, and its name for messages.
+# For each plain type: a test of a value, and the type's name for messages.
 _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
     str: (lambda value: isinstance(value, str), "a text"),
     float: (is_real, "a number"),
@@ -79,14 +79,14 @@ _PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
 
 
 class NotAValue(Exception):
-    """A value has another type than the type that is read; the message names its key."""
+    """A value does not have the required type; the message names its key."""
 
 
 def read(kind: Any, value: Any, where: str) -> Any:
     """A value of an annotated type from its plain form, the inverse of `plain`.
 
-    Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
-    defaults, and so have those that are missing.
+    For a number, null is read as NaN. Dataclass fields that are omitted in JSON or missing have
+    their defaults.
 
     `kind`: str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or
     None. Raises NotAValue.
@@ -99,7 +99,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
     if get_origin(kind) is dict:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
-        # JSON has texts alone as keys.
+        # In JSON all keys are texts.
         for name in value:
             fits = isinstance(name, str) and (key_kind is str or name.isdecimal())
             _require(fits, name, where, _PLAIN[key_kind][1])

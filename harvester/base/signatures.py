@@ -1,8 +1,8 @@
-"""The options of a public function from its signature: unit, spelling and check.
+"""Derives the options of a public function from its signature: unit, spelling and check.
 
-The annotation of a parameter is its option at the command line (`harvester.cli.options`) and
-its check in Python (`harvester.scene.calling`). An `Annotated` alias such as `Seconds` holds what
-the Python type leaves open: the unit, the range, how a list is written.
+A parameter's annotation defines its option at the command line (`harvester.cli.options`) and its
+check in Python (`harvester.scene.calling`). An `Annotated` alias such as `Seconds` adds to the
+Python type: the unit, the range, the notation of a list.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from harvester.base.numbers import is_real, is_whole, number, on_quotes
 from harvester.base.plain_text import named, shown
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
-# Whether a command runs, whose errors name options, "--step", and not parameters.
+# Whether a command runs: its errors name options ("--step") instead of parameters.
 AT_COMMAND_LINE: ContextVar[bool] = ContextVar("at_command_line", default=False)
-# Longest list of numbers that a grid such as 1:10:log:50 may give.
+# Longest list of numbers from a grid such as 1:10:log:50.
 MOST_NUMBERS = 100_000
 LIST = "0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or 0.1,0.2,0.5"
 BY_KEY = f"written as TABLE.KEY=LIST, the list as {LIST}"
@@ -44,17 +44,18 @@ class Kind:
     required : str
         Description of valid values.
     holds : callable or None
-        Function that tells whether a value is allowed; None: all are.
+        Function that returns whether a value is allowed; None: all are.
     option : str
         Name of the option if it differs from the parameter's.
     read : callable or None
-        The value that a text of the command line means; a ValueError or LookupError refuses it.
-        With `words` it is given a list of texts. None: a number or the text, by the Python type.
+        Function that converts a text of the command line; a ValueError or LookupError rejects it.
+        With `words` its argument is a list of texts. None: a number or the text, by the Python
+        type.
     join : callable or None
-        Makes one value, given a list of values and the option's spelling; the option may then be
-        given several times.
+        Function of a list of values and the option's spelling that returns one value; the option
+        may then be given several times.
     words : bool
-        Each time the option takes several words.
+        Whether the option takes several words each time.
     """
 
     metavar: str = ""
@@ -87,7 +88,7 @@ def grid_of(text: str) -> list[float]:
 
 
 def pair_of(read: Callable[[str], Any], alone: bool = False) -> Callable[[str], tuple[str, Any]]:
-    """Return a function from TABLE.KEY=VALUE to key and value; None for a key that may be alone."""
+    """Return a parser of TABLE.KEY=VALUE to (key, value); `alone`: a missing value is None."""
 
     def pair(text: str) -> tuple[str, Any]:
         key, separator, value = (part.strip() for part in text.partition("="))
@@ -114,11 +115,11 @@ def as_list(values: list[Any], option: str) -> list[Any]:
 
 
 def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
-    """Keys and their values; a key that is there twice is refused."""
+    """Keys and their values; raises if a key is given twice."""
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
-            raise HarvesterError(f"{option} {named(key)}: is there twice")
+            raise HarvesterError(f"{option} {named(key)}: is given twice")
     return dict(pairs)
 
 
@@ -130,7 +131,7 @@ def _share(value: Any) -> bool:
     return is_real(value) and 0.0 < float(value) < 1.0
 
 
-# Description and test of valid values by their type, for annotations without a test.
+# Description and test of valid values, by type, for annotations without a test.
 BY_TYPE: dict[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("True or False", lambda value: type(value).__name__ in ("bool", "bool_")),
     int: ("a whole number", lambda value: is_real(value) and isinstance(value, numbers.Integral)),
@@ -139,7 +140,7 @@ BY_TYPE: dict[Any, tuple[str, Callable[[Any], bool]]] = {
     str | os.PathLike: ("a path", lambda value: isinstance(value, (str, os.PathLike))),
     str | Method: ("a name or a method", lambda value: isinstance(value, (str, Method))),
 }
-# A name at the command line; in Python also an object.
+# At the command line a name; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[
     str | float,
@@ -204,15 +205,15 @@ class RunnerOptions(TypedDict, total=False):
     Parameters
     ----------
     time_budget : float or None
-        Start no task after this number of seconds, and end running tasks 5 % later; the same call
-        goes on.
+        Start no task after this number of seconds, and end running tasks 5 % later; repeat the call
+        to continue.
     workers : int or None
-        Processes (default: one a core).
+        Number of processes (default: one per core).
     scheduler : str or None
-        Address of a Dask cluster, instead of processes here.
+        Address of a Dask cluster, used instead of local processes.
     output : str or Path or None
-        Folder for results, and for every finished part: repeat the same command to continue
-        after a kill.
+        Folder for results and all finished tasks: repeat the same command to continue an
+        interrupted run.
 
     Other Parameters
     ----------------
@@ -220,7 +221,7 @@ class RunnerOptions(TypedDict, total=False):
     time_limit : float
         Wall-clock limit of one realization (s).
     progress : callable or False or None
-        Called with the finished share, 0 … 1, and a few words. None shows a bar in a notebook,
+        Called with the finished share, 0 … 1, and a description. None shows a bar in a notebook,
         False none.
     runner : Runner or None
     """
@@ -229,7 +230,7 @@ class RunnerOptions(TypedDict, total=False):
     workers: Count | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    # `open_runner` annotates these two by their types, which this package does not import.
+    # `open_runner` annotates these two with types that this package does not import.
     executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | Literal[False] | None
@@ -243,11 +244,11 @@ class Option(NamedTuple):
     ----------
     name : str
     type : object
-        Type of the value, without None for a value left out; None if only a type
-        checker knows the names in it.
+        Type of the value, without the None of an omitted value; None if only a type checker can
+        evaluate it.
     kind : Kind
     default : object
-        `inspect.Parameter.empty` where the parameter must be given.
+        `inspect.Parameter.empty` if the parameter is required.
     passing : object
         `inspect.Parameter.kind`: positional-only parameters are words at the command line.
     may_be_none : bool
@@ -262,7 +263,7 @@ class Option(NamedTuple):
 
     @classmethod
     def of(cls, name: str, annotation: Any, default: Any = None, passing: Any = KEYWORD) -> Option:
-        """The option that an evaluated annotation describes."""
+        """The option of an evaluated annotation."""
         parts = get_args(annotation)
         may_be_none = type(None) in parts
         if may_be_none and len(parts) == 2:
@@ -278,7 +279,7 @@ class Option(NamedTuple):
         return f"--{self.kind.option or self.name.replace('_', '-')}"
 
     def check(self, value: Any) -> None:
-        """Refuse a value that is out of range.
+        """Raise if a value is out of range.
 
         Raises
         ------
@@ -312,7 +313,7 @@ def options_of(function: Callable) -> dict[str, Option]:
 
 
 def check_options(function: Callable, values: Mapping[str, Any]) -> None:
-    """Refuse values of a function's options that are out of range.
+    """Raise if values of a function's options are out of range.
 
     Raises
     ------
@@ -326,9 +327,9 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
 
 @contextlib.contextmanager
 def named_as_called(function: Callable) -> Iterator[None]:
-    """Within the block, errors name parameters of the function instead of command options.
+    """Make errors within the block name parameters of the function instead of command options.
 
-    Nothing changes while a command runs.
+    It has no effect while a command runs.
     """
     try:
         yield
@@ -345,7 +346,7 @@ def named_as_called(function: Callable) -> Iterator[None]:
 
 
 def _evaluated(annotation, names):
-    """The object of an annotation's text; None if only type checkers import its names."""
+    """Evaluate an annotation's text; None if only type checkers import its names."""
     try:
         return eval(annotation, names) if isinstance(annotation, str) else annotation
     except NameError:

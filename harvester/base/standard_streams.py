@@ -1,4 +1,4 @@
-"""Standard output and error may be full, closed or ASCII only: a run continues without them."""
+"""Guards standard output and error: a run continues if they are full, closed or ASCII only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 OUTPUT_LOST = 2
-# Replacements for a terminal that lacks these letters. All other letters are shown by their escape.
+# Replacements for a terminal without these characters. Other characters are shown as escapes.
 PLAIN = {
     "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...", "≥": ">=", "≤": "<=",
     "≈": "~", "⟨": "<", "⟩": ">", "→": "->", "²": "^2", "³": "^3", "Ω": "Ohm", "µ": "u",
@@ -35,7 +35,7 @@ codecs.register_error("harvester.plain", _plain)
 class GuardedStream:
     """A text stream that remembers its first failure and discards all later output.
 
-    `stream`: None: it was closed when the process began.
+    `stream`: None if it was closed when the process began.
 
     Attributes
     ----------
@@ -66,8 +66,7 @@ class GuardedStream:
         return _GuardedBuffer(self, self._stream.buffer)
 
     def attempt(self, action: Callable) -> None:
-        """Call a function unless the stream has failed before; an error of it counts as the
-        failure."""
+        """Call a function unless the stream has failed; its error counts as the failure."""
         if self.failure is None:
             try:
                 action()
@@ -106,19 +105,19 @@ class _Closed(io.TextIOBase):
 
 @contextlib.contextmanager
 def guarded_streams() -> Iterator[Callable]:
-    """Standard output and error guarded within the block.
+    """Guard standard output and error within the block.
 
     Yields
     ------
     callable
-        The exit code that becomes of another one when standard output could not be written, which
-        prints it on standard error. A reader that closes the pipe (`| head`) is no failure.
+        Function of an exit code that returns the final one: if standard output could not be
+        written, it reports this on standard error. A closed pipe (`| head`) is not a failure.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            # Otherwise the next file that is opened would become standard output.
+            # Otherwise the next opened file would become standard output.
             _open_nowhere(number)
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = output, errors = GuardedStream(sys.stdout), GuardedStream(sys.stderr)

@@ -1,4 +1,4 @@
-"""Protection from the working folder's settings files and from folders that others may write to."""
+"""Protects from settings files in the working folder and from folders writable by others."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ PACKAGE = Path(__file__).parents[1]
 
 @contextlib.contextmanager
 def away_from_working_folder() -> Iterator[None]:
-    """The package's own folder as the working folder within the block.
+    """Use the package's folder as the working folder within the block.
 
-    For the imports of libraries that read a file of their settings from wherever they are.
+    For importing libraries that read settings files from the working folder.
     """
     try:
         before = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
     except OSError:
-        # A working folder that cannot be read has no settings files.
+        # An unreadable working folder has no settings files.
         yield
         return
     try:
@@ -32,10 +32,10 @@ def away_from_working_folder() -> Iterator[None]:
 
 
 def foreign_writers_of(path: str | Path) -> str:
-    """Which other user (not this one, not the program's owner) may change the file at a path.
+    """Why users other than this one and the program's owner can change the file at a path.
 
-    The path is of a file or a folder; missing folders are made by this user. Returns the path
-    and the reason; empty where nobody may.
+    The path is of a file or folder; this user will create missing folders. Returns the path and the
+    reason; empty if nobody can.
     """
     path = Path(os.path.realpath(path))
     for entry in (path, *path.parents):
@@ -56,9 +56,9 @@ def foreign_writers_of(path: str | Path) -> str:
 
 
 def other_writers(about: os.stat_result) -> str:
-    """Why another user may change a file with this status; empty where nobody may."""
+    """Why another user can change a file with this status; empty if nobody can."""
     if about.st_uid not in {0, os.geteuid(), PACKAGE.stat().st_uid}:
         return "belongs to another user"
-    # A group with the owner's number is the owner's own.
+    # A group with the owner's number is private to the owner.
     shared = stat.S_IWGRP if about.st_gid != about.st_uid else 0
     return "can be written by others" if about.st_mode & (shared | stat.S_IWOTH) else ""

@@ -1,4 +1,4 @@
-"""Words for people: symbols of states and means, a scene's keys, definitions of quantities."""
+"""Symbols of states and means, names of a scene's keys, definitions of quantities."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFINITIONS = {
     "power into the load",
     "end_to_end_efficiency": "power harvested at the load's output and into its stores, over the "
     "mechanical input",
-    "mean_power_used_at_output": "power that the output takes; less the power from the load's "
+    "mean_power_used_at_output": "power that the output takes; minus the power from the load's "
     "sources, it is the mean output power, which is harvested",
     "mean_storage_power": "into all capacitors, coils and batteries of the load; with output power "
     "and converter loss it adds up to the mean power",
@@ -34,7 +34,7 @@ DEFINITIONS = {
 
 
 def definitions(names: Iterable[str]) -> list[str]:
-    """One line of explanation for each of these quantities that needs one."""
+    """One line per quantity that has a definition."""
     return [
         f"{name.replace('_', ' ')}: {DEFINITIONS[name]}" for name in names if name in DEFINITIONS
     ]

@@ -1,4 +1,4 @@
-"""Files of numbers: CSV, and NetCDF through xarray."""
+"""Writes tables of numbers: CSV, and NetCDF through xarray."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harvester.base.writing import whole_file, write_text
 
 
 def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:
-    """Write a table, whole or not at all, as `csv_text`; raises OutputError."""
+    """Write a CSV file atomically; see `csv_text`; raises OutputError."""
     write_text(path, csv_text(header, rows))
 
 
@@ -39,12 +39,12 @@ def write_netcdf(path: str | Path, dataset: Any) -> None:
 
 
 def require_xarray() -> ModuleType:
-    """The module xarray; without it, a MissingLibrary error says how to install it."""
+    """Import xarray; raises MissingLibrary if it is not installed."""
     return optional_library("xarray", "NetCDF", "study")
 
 
 def markdown_table(rows: Iterable[Sequence[str]]) -> str:
-    """Rows of text as a Markdown table, the first its header.
+    """Rows of text as a Markdown table; the first row is the header.
 
     >>> print(markdown_table([["quantity"], ["|X|"]]))
     | quantity |

@@ -11,18 +11,17 @@ import weakref
 from pathlib import Path
 from types import TracebackType
 
-# Names of folders in use begin with the first, those not locked yet by their process with the
-# second.
+# Prefixes of folders in use, and of folders that their process has not locked yet.
 IN_USE, UNLOCKED = "harvester-run-", "harvester-new-"
 
 
 class TemporaryFolder:
-    """An empty folder of this process, removed by `cleanup`, by the end of the block or process.
+    """An empty folder of this process, removed by `cleanup` or at the end of the block or process.
 
-    A killed process does not remove its folder. The system then releases the folder's lock,
-    by which the next process that makes one sees that it has no owner.
+    A killed process does not remove its folder, but the system releases the folder's lock. The next
+    process that creates a folder removes unlocked ones.
 
-    `within`: folder in which it is made; None: the system's folder for temporary files.
+    `within`: parent folder; None: the system's folder for temporary files.
 
     Attributes
     ----------
@@ -57,9 +56,9 @@ class TemporaryFolder:
 
 @functools.cache
 def clear_abandoned(place: str) -> None:
-    """Remove this user's folders there that no process owns; once in each process.
+    """Remove this user's abandoned folders in `place`; once per process.
 
-    `place`: folder in which `TemporaryFolder` makes its own.
+    `place`: parent folder of `TemporaryFolder`.
     """
     with contextlib.suppress(OSError), os.scandir(place) as entries:
         for entry in entries:

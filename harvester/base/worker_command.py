@@ -1,7 +1,7 @@
-"""Start of a worker process, independent of the working folder and environment.
+"""Command line and environment of a worker process, independent of the caller's.
 
-It runs in a new empty folder, imports nothing from the working folder or by Python's
-environment variables, and sees only those variables that name folders of this machine.
+The worker runs in a new empty folder, ignores the working folder and Python's environment variables
+in imports, and sees only variables that name folders of this machine.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 # Packages that the worker needs in addition to harvester.
 REQUIRED = ("numpy", "scipy", "numba", "cffi", "PySpice")
-# Variables that list folders. Relative ones are removed: they would lead into the working folder.
+# Variables that list folders. Relative folders are removed: they would refer to the working folder.
 SEARCHED = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH")
 FOLDERS = ("HOME", "TMPDIR", "TEMP", "TMP", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")
 WINDOWS = ("SYSTEMROOT", "SYSTEMDRIVE", "USERPROFILE", "APPDATA", "LOCALAPPDATA", "PATHEXT")
@@ -22,9 +22,9 @@ WORDS = ("LANG", "LANGUAGE", "TZ", "USER", "LOGNAME")
 PREFIXES = ("LC_", "NUMBA_")
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-# The worker imports harvester's own packages from where the caller has them, before anything else
-# is on its path: modules of the standard library that they import are imported before.
-# Packages that its environment lacks are searched where the caller finds them.
+# The worker imports harvester's packages from the caller's folder, before anything else is on its
+# path; the standard library modules that they need are imported first. Packages missing in its
+# environment are searched on the caller's path.
 _START = f"""\
 import __future__, importlib.util, json, os, sys, warnings
 own, folders, callers = json.loads(sys.argv[1])
@@ -39,7 +39,7 @@ main()
 
 
 def command(folders: Sequence[str | Path] = ()) -> list[str]:
-    """The worker's command line; `folders`: to import from, after all others."""
+    """The worker's command line; `folders`: appended to its import path."""
     packages = str(Path(__file__).parents[2])
     working_folder = _working_folder()
     callers = [entry for entry in sys.path if os.path.isabs(entry) and entry != working_folder]
@@ -62,7 +62,7 @@ def environment() -> dict[str, str]:
             variables[name] = value
     library = os.environ.get("NGSPICE_LIBRARY_PATH")
     if library:
-        # A bare name is left to the linker; it is no file of the working folder.
+        # The linker resolves a bare name: it is not a file of the working folder.
         variables["NGSPICE_LIBRARY_PATH"] = (
             os.path.abspath(library) if os.path.dirname(library) else library
         )

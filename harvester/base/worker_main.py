@@ -1,8 +1,8 @@
-"""A worker process: takes calls on standard input, answers on standard output.
+"""A worker process: reads calls from standard input, writes answers to standard output.
 
 `harvester.base.worker_process` starts it with the command of `harvester.base.worker_command`. A
-call is a pickled (function, arguments); the function, one of a module, is called with `report` in
-addition, which sends progress. Answers are pickled pairs: ("progress", …), ("done", result),
+call is a pickled (function, arguments). The module-level function gets an additional argument
+`report`, which sends progress. Answers are pickled pairs: ("progress", …), ("done", result),
 ("failed", error), ("damage", path of compiled code that could not be read), ("compilation", 1 or
 -1) as one begins or ends, and ("gone", error) from a process that ends itself.
 """
@@ -25,8 +25,7 @@ _give_up = None
 
 
 def give_up(error: BaseException) -> None:
-    """Send an error as the call's answer and end this process, as the running code cannot be
-    interrupted."""
+    """Send an error as the call's answer and end this process: its code cannot be interrupted."""
     if _give_up:
         _give_up("gone", error)
     os._exit(71)
@@ -46,7 +45,7 @@ def main() -> None:
     """Serve calls until standard input closes."""
     global _give_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Answers go to a copy of standard output, so that no library prints between them.
+    # Answers go to a copy of standard output, so that text from libraries cannot mix with them.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     calls: queue.SimpleQueue = queue.SimpleQueue()
@@ -74,9 +73,9 @@ def main() -> None:
 
 
 def _read_calls(calls):
-    """Pass calls on; end immediately when the parent has ended.
+    """Pass calls to the main thread; end immediately when the parent has ended.
 
-    The process removes its own empty folder, since no other process is left to do it.
+    The process then removes its empty folder, since no other process will.
     """
     stream = sys.stdin.buffer
     while True:

@@ -1,4 +1,4 @@
-"""Pools that carry out many calls: worker processes of our own, or any executor's."""
+"""Pools that execute many calls: in worker processes, or through any executor."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LOOK_AROUND = 0.5
 
 
 class Workers(Protocol):
-    """Interface of all pools: a `WorkerPool`, an `ExecutorPool`, or a caller's own."""
+    """Interface of all pools: a `WorkerPool`, an `ExecutorPool`, or an object of the caller."""
 
     def map(
         self,
@@ -53,9 +53,9 @@ class WorkerPool:
     Parameters
     ----------
     calls : int
-        Most calls at a time that will be asked for.
+        Largest number of simultaneous calls.
     workers : int or None
-        Processes; None: one per core. `size` is how many calls are made at a time.
+        Number of processes; None: one per core. `size` is the number of simultaneous calls.
     folders : sequence of str or Path
         See `Worker`.
     """
@@ -70,7 +70,7 @@ class WorkerPool:
         self.size = min(size, calls or size)
         self._folders = folders
         self._open()
-        # Processes start while the caller goes on; a failure is raised by the first call.
+        # Processes start in the background; the first call raises a failure to start.
         for worker in self._workers:
             self._threads.submit(worker.start)
 
@@ -88,7 +88,7 @@ class WorkerPool:
         on_progress: Callable | None = None,
         keep_going: bool = False,
     ) -> list[Any]:
-        """Outcomes of one function over several argument sets, in their order.
+        """Call one function with several sets of arguments; returns the results in order.
 
         Parameters
         ----------
@@ -99,10 +99,9 @@ class WorkerPool:
         on_progress : callable or None
             Called with (index, report).
         keep_going : bool
-            Make a call whose process crashed or ran out of time once more, and return a
-            SimulationError that stays instead of its result. Without it the first error ends the
-            other calls and is raised, as any other error and an interrupt do; the pool can be used
-            again.
+            Repeat a call once if its process crashed or timed out; if it fails again, return the
+            SimulationError as its result. Without it the first error ends all calls and is raised,
+            as are other errors and interrupts in any case; the pool can be reused.
         """
         call = call_twice if keep_going else Worker.call
         futures = []
@@ -122,14 +121,14 @@ class WorkerPool:
         time_limit: float | None = None,
         report: Callable | None = None,
     ) -> Future:
-        """One call as with `keep_going` in `map`; returns its Future.
+        """Start one call as with `keep_going` in `map`; returns its Future.
 
         `report` is called with the function's reports, in a thread of the pool.
         """
         return self._begin(call_twice, function, arguments, time_limit, report)
 
     def interrupt(self) -> None:
-        """End every process and with it its call; the pool can be used again."""
+        """End every process and its call; the pool can be reused."""
         self.close()
         self._open()
 
@@ -141,7 +140,7 @@ class WorkerPool:
         self._threads.shutdown(cancel_futures=True)
 
     def _open(self) -> None:
-        """Fresh workers, whose processes do not run yet."""
+        """Create new workers, whose processes are not running yet."""
         self._closed = False
         self._threads = ThreadPoolExecutor(self.size)
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
@@ -152,7 +151,7 @@ class WorkerPool:
     def _begin(self, *call):
         """Start one call; return its Future."""
         if self._closed:
-            raise HarvesterError("runner: its processes were ended; give one that is open")
+            raise HarvesterError("runner: is closed; give an open one")
         return self._threads.submit(self._run, *call)
 
     def _run(self, call, function, arguments, time_limit, report):
@@ -166,11 +165,11 @@ class WorkerPool:
 class ExecutorPool:
     """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
-    Each of its processes starts a separate worker process, so that a crash or a hang of the
-    simulator never reaches the executor. There is no progress.
+    Each executor process starts a separate worker process, so that a crash or hang of the simulator
+    does not affect the executor. Progress is not reported.
     """
 
-    # The executor has its own queue.
+    # The executor queues calls itself.
     size = math.inf
 
     def __init__(self, executor: Executor) -> None:
@@ -204,16 +203,16 @@ class ExecutorPool:
         return self._begin(function, arguments, time_limit, True)
 
     def interrupt(self) -> None:
-        """Do nothing: calls that an executor has begun run to their end."""
+        """Do nothing: running calls of an executor cannot be interrupted."""
 
     def _begin(self, *call):
         """Start one call; return its Future."""
         try:
             return self._executor.submit(call_here, *call)
-        # Executors have no common exception for having been shut down.
+        # Executors have no common exception for "already shut down".
         except Exception as error:
             raise HarvesterError(
-                f"executor: takes no calls: {type(error).__name__}: {error}; give one that is open"
+                f"executor: accepts no calls: {type(error).__name__}: {error}; give an open one"
             ) from error
 
 
@@ -223,7 +222,7 @@ def processes(
     workers: int | None,
     calls: int | None = None,
 ) -> Iterator[WorkerPool | ExecutorPool]:
-    """The given pool or a pool around the executor, else workers for the block."""
+    """Yield the given pool, a pool around the executor, or new workers for the block."""
     if isinstance(executor, (WorkerPool, ExecutorPool)):
         yield executor
     elif executor is not None:
@@ -234,15 +233,15 @@ def processes(
 
 
 def lost(error: BaseException) -> HarvesterError:
-    """The error to raise for a call that an executor dropped."""
+    """The exception for a call that an executor dropped."""
     return HarvesterError(
         f"the executor lost a task: {type(error).__name__}: {error}; finished answers are kept "
-        "where there is an --output"
+        "if --output is given"
     )
 
 
 def gather(futures: Sequence[Future]) -> list[Any]:
-    """Outcomes in order; the first unexpected error cancels the rest and is raised."""
+    """Results in order; the first unexpected error cancels the other calls and is raised."""
     left = set(futures)
     try:
         while left:
@@ -264,7 +263,7 @@ def call_twice(
     time_limit: float | None = None,
     report: Callable | None = None,
 ) -> Any:
-    """One call, repeated once after a crash or a time-out; a SimulationError is returned."""
+    """Make a call, repeated once after a crash or time-out; return a repeated SimulationError."""
     try:
         return worker.call(function, arguments, time_limit, report)
     except (SimulatorCrashed, SimulatorTimeout):
@@ -283,7 +282,7 @@ _own = threading.local()
 def call_here(
     function: Callable, arguments: dict[str, Any], time_limit: float | None, keep_going: bool
 ) -> Any:
-    """A call in this thread's own worker, which is kept for the next one."""
+    """Make a call in this thread's worker, which is kept for the next call."""
     if not hasattr(_own, "worker"):
         _own.worker = Worker()
         atexit.register(_own.worker.close)

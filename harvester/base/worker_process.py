@@ -1,4 +1,4 @@
-"""Worker processes: one call at a time each, with a wall-clock limit, killed when they hang."""
+"""Worker processes with one call at a time and a wall-clock limit."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from harvester.base import numba_cache, worker_command
 from harvester.base.errors import SimulatorCrashed, SimulatorTimeout
 from harvester.base.temporary import TemporaryFolder
 
-# Number of last printed lines that are quoted if a process crashes.
+# Number of lines of a crashed process's last output that are quoted.
 LAST_LINES = 3
 
 
 class Worker:
-    """One process of `harvester.base.worker_main`, started at its first call, again after a crash.
+    """A process of `harvester.base.worker_main`, started at the first call and after a crash.
 
-    The process imports from `folders` after all others.
+    `folders` are appended to the process's import path.
     """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
@@ -36,7 +36,7 @@ class Worker:
         self._errors: IO[bytes] | None = None
         self._workplace: TemporaryFolder | None = None
         self._closed = False
-        # One thread may end the process while another starts it or reads its last lines.
+        # One thread may end the process while another starts it or reads its last output.
         self._changing = threading.RLock()
 
     @property
@@ -56,7 +56,7 @@ class Worker:
         Parameters
         ----------
         function : callable
-            A function of a module; it takes `report` besides its arguments.
+            A module-level function, with a parameter `report` in addition to its arguments.
         arguments : dict
             Passed by name, pickled.
         time_limit : float or None
@@ -116,12 +116,12 @@ class Worker:
                 raise self._crashed(process, latest)
 
     def close(self) -> None:
-        """End the process and start no other."""
+        """End the process permanently."""
         self._closed = True
         self.kill()
 
     def kill(self) -> None:
-        """End the process at once, whatever it does."""
+        """End the process immediately."""
         with self._changing:
             process, self._process = self._process, None
             if process is not None:
@@ -179,7 +179,7 @@ class Worker:
             self.kill()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         if status == -signal.SIGKILL:
-            how += " (from outside, or for want of memory)"
+            how += " (from outside, or for lack of memory)"
         return SimulatorCrashed(
             f"the simulator's process {how}" + (f": {words}" if words else ""), partial=latest
         )

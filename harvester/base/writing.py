@@ -1,4 +1,4 @@
-"""Writing: files whole or not at all, through their real path; streams directly."""
+"""Writes files atomically, with links resolved, and streams directly."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ LICENCE = (
     "harvester are free of the program's own licence, see LICENSE-EXCEPTION there.",
 )
 STANDARD_OUTPUT = 1
-# Folders whose entries are this process's own open files.
+# Folders whose entries are this process's open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
 MOST_LINKS = 40
-# Name of the temporary file that replaces the old one. It remains after a kill.
+# Name of the temporary file that replaces the old file; it remains if the process is killed.
 ASIDE = ".harvester-{}"
 ASIDE_BYTES = 8
 UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
@@ -37,13 +37,13 @@ UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK:
 
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[BytesIO]:
-    """Binary file in memory whose content goes to `path` when the block succeeds.
+    """Binary file in memory whose content is written to `path` when the block succeeds.
 
-    A regular file is replaced at once, where links lead, and keeps its permissions; a new one
-    follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
+    A regular file, or the target of a link, is replaced atomically and keeps its permissions; a new
+    file follows the umask. Character devices, FIFOs and /dev/stdout are written to directly. `-` is
     standard output.
 
-    Raises OutputError if nothing can be written there; an existing file stays.
+    Raises OutputError if writing fails; an existing file is then unchanged.
     """
     content = io.BytesIO()
     yield content
@@ -54,7 +54,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
 def write_text(path: str | Path, text: str) -> None:
     """Write text as UTF-8, see `whole_file`."""
     with whole_file(path) as file:
-        # Names of files may hold bytes that have no UTF-8.
+        # File names may contain bytes that are not UTF-8.
         file.write(text.encode("utf-8", "backslashreplace"))
 
 
@@ -74,7 +74,7 @@ def is_standard_output(path: str | Path | None) -> bool:
 
 
 def is_stream(path: str | Path) -> bool:
-    """Whether no file is there after writing: standard output, a device, a FIFO."""
+    """Whether writing creates no file: standard output, a device, a FIFO."""
     path = Path(path)
     return _open_file(path) is not None or (
         path.exists() and not path.is_file() and not path.is_dir()
@@ -82,7 +82,7 @@ def is_stream(path: str | Path) -> bool:
 
 
 def check_writable(path: str | Path) -> None:
-    """Raise early if a result could not be written after a long run."""
+    """Raise before a long run if its result could not be written."""
     if path is None:
         return
     with _named(path):
@@ -97,7 +97,7 @@ def check_writable(path: str | Path) -> None:
 
 
 def check_folder(folder: str | Path) -> None:
-    """Refuse early a folder that cannot be made or written; one that is missing stays so."""
+    """Raise early if a folder cannot be created or written; it is not created."""
     with _named(folder):
         missing = [
             parent for parent in (Path(folder), *Path(folder).parents) if not parent.exists()
@@ -110,24 +110,24 @@ def check_folder(folder: str | Path) -> None:
 
 
 def in_folder(folder: str | Path, file: str) -> Path:
-    """Path of a file that the program, not the user, names in a folder.
+    """Path in a folder of a file whose name the program chooses.
 
-    Raises OutputError if something else than a regular file of that folder has the name.
+    Raises OutputError if the name exists but is not a regular file of that folder.
     """
     path = Path(folder) / file
     with _named(path):
         status = _status(path)
         if status is not None and not stat.S_ISREG(status.st_mode):
-            raise OutputError(f"{path}: is no regular file, and would be written to; take it away")
+            raise OutputError(f"{path}: is not a regular file, and would be overwritten; remove it")
         real = Path(os.path.realpath(path))
         if os.path.islink(path) and real.parent != Path(os.path.realpath(folder)):
-            raise OutputError(f"{path}: is a link to {real}, out of the folder; take it away")
+            raise OutputError(f"{path}: is a link to {real}, outside the folder; remove it")
     return path
 
 
 @contextlib.contextmanager
 def _named(path):
-    """Turn the system's errors within the block into an `OutputError` that names the path."""
+    """Convert system errors within the block to an `OutputError` that names the path."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -137,7 +137,7 @@ def _named(path):
 
 
 def _open_file(path):
-    """Descriptor of this process's open file that a path such as /dev/fd/3 names, or None."""
+    """Descriptor of this process's open file for a path such as /dev/fd/3, or None."""
     if str(path) == "-":
         return STANDARD_OUTPUT
     folders = {os.path.realpath(folder) for folder in OPEN_FILES}
@@ -153,7 +153,7 @@ def _open_file(path):
 
 
 def _status(path):
-    """`os.stat` of a path, links followed; None if there is nothing yet."""
+    """`os.stat` of a path, following links; None if it does not exist."""
     try:
         status = os.stat(path)
     except FileNotFoundError:
@@ -170,7 +170,7 @@ def _real_path(path, status):
     """Path of the file to be written; raises if it is a link into a missing folder."""
     real = Path(os.path.realpath(path))
     if status is None and os.path.islink(path) and not real.parent.is_dir():
-        raise OutputError(f"{path}: is a link into a folder that is not there, {real.parent}")
+        raise OutputError(f"{path}: is a link into a missing folder, {real.parent}")
     return real
 
 
@@ -198,11 +198,11 @@ def _write_standard_output(content):
 
 
 def _replace(real, old, content):
-    """Replace or create a file as a whole; after a failure nothing has changed."""
+    """Replace or create a file atomically; a failure changes nothing."""
     real.parent.mkdir(parents=True, exist_ok=True)
     aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
     try:
-        # tempfile would make a private file; here the umask decides.
+        # tempfile would make a private file; here the umask sets the permissions.
         with open(aside, "xb") as file:
             file.write(content)
         if old is not None:

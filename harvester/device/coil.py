@@ -1,7 +1,8 @@
-"""The coil: a voltage induced by the velocity, in series with winding and inductance.
+"""The coil: a voltage induced by the velocity, in series with the winding's resistance and
+inductance.
 
 M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v, with v at the load. Scaled, with e = L i/(Φ l):
-e' = X' − λ e. Without inductance the current follows the velocity and nothing is left to
+e' = X' − λ e. Without inductance the current is proportional to the velocity, without a state to
 integrate.
 """
 
@@ -49,7 +50,7 @@ class _Resistances(NamedTuple):
 
 
 class ResistiveCoil(NoBaseForce, _Resistances):
-    """Without inductance: R_coil i = Φ x' − v, so that i follows X' at once.
+    """A coil without inductance: R_coil i = Φ x' − v, so that i is proportional to X'.
 
     Currents are in units of Φ l/R_coil (1/s), voltages in Φ l (1/s).
 
@@ -58,14 +59,14 @@ class ResistiveCoil(NoBaseForce, _Resistances):
     winding_damping
         Φ²/(M R_coil), the damping of a shorted coil (1/s).
     current_share
-        R_coil/(R_coil + R), the current over the current of the shorted coil.
+        R_coil/(R_coil + R), the ratio of the current to that of the shorted coil.
     """
 
     __slots__ = ()
 
     @property
     def lossless(self) -> bool:
-        """A winding always takes power."""
+        """False: a winding always dissipates power."""
         return False
 
     def decay_rate(self) -> float:
@@ -146,7 +147,7 @@ class CoilTable(TransducerTable):
     ALTERNATIVES: ClassVar = (OneOf(("coupling", "k2"), {"k2": ("inductance",)}),)
 
     def coupling_at(self, stiffness: float) -> float:
-        """The coupling (N/A) that `k2` is with the spring's stiffness at rest (N/m)."""
+        """The coupling (N/A) that follows from `k2` and the spring's stiffness at rest (N/m)."""
         return math.sqrt((self.k2 or 0.0) * stiffness * self.inductance)
 
     def voltage_unit(self, setting: Setting) -> float:
@@ -154,17 +155,17 @@ class CoilTable(TransducerTable):
         return self.coupling * setting.length
 
     def state_unit(self, setting: Setting) -> float:
-        """Amperes: Φ l/L, or without inductance Φ l/R_coil."""
+        """The scaled unit of current (A): Φ l/L, or without inductance Φ l/R_coil."""
         return self.coupling * setting.length / (self.inductance or self.resistance)
 
     def equations(self, setting: Setting) -> Coil | ResistiveCoil:
-        """The coil; a load that is no resistor leaves it open."""
+        """The coil; open-circuited unless the load is a resistor."""
         return coil(
             setting.mass, self.coupling, self.resistance, self.inductance, setting.resistance
         )
 
     def network(self, setting: Setting, equations: Coil | ResistiveCoil, rate: float) -> Network:
-        """Induced voltage, winding, inductance; the coil's current is the load's ammeter's."""
+        """Induced voltage, winding, inductance; the load's ammeter measures the coil's current."""
         volts = self.voltage_unit(setting)
         inside = "winding" if self.inductance > 0.0 else TERMINAL
         elements = [
@@ -190,5 +191,5 @@ class CoilTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """The load resistance that matches the winding's (Ω)."""
+        """The matched load resistance (Ω): that of the winding."""
         return self.resistance

@@ -1,8 +1,8 @@
-"""Contacts: positions of the stoppers, which of them act, and sums over their forces.
+"""Contacts: positions of the stoppers, which of them are active, and sums over their forces.
 
 A contact on the side s = ±1 acts while its depth d = s x − gap is positive; a pair of stoppers at
-±gap is one contact with side 0. Between the gaps of all contacts the set that acts is the same:
-a zone. Integrators step from zone to zone, so that every force is smooth within a step.
+±gap is one contact with side 0. A zone is an interval of x in which the same contacts are active.
+Integrators step from zone to zone, so that every force is smooth within a step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
 
-# Contact laws by the word that a scene's `law` takes. Each is made from a contact's scaled values.
+# Constructors of contact laws, by the values of a scene's `law`; their arguments are scaled.
 LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})
 SIDES = {"left": -1.0, "right": 1.0, "both": 0.0}
 
@@ -54,7 +54,7 @@ class Contact(NamedTuple):
 
 @register_jitable
 def direction(contact: Contact, x: Values) -> Values:
-    """The side s on which x may touch: ±1."""
+    """The side s = ±1 on which contact is possible at x."""
     return contact.side if contact.side != 0.0 else np.copysign(1.0, x)
 
 
@@ -62,14 +62,15 @@ def direction(contact: Contact, x: Values) -> Values:
 def one_reaction(
     contact: Contact, spring: Spring, x: float, v: float, held_speed: float, low: float, high: float
 ) -> tuple[float, float]:
-    """Elastic force and damping (1/s) of one contact, as `reaction`."""
+    """Elastic force and damping (1/s) of one contact; see `reaction`."""
     s = contact.side
     if s == 0.0:
         s = 1.0 if low >= contact.gap else -1.0
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
     if not acts:
         return 0.0, 0.0
-    # By rounding a step in the zone may begin just outside it. Depth 0 lets a dashpot act there.
+    # Rounding may put the start of a step just outside the zone; depth 0 keeps a dashpot active
+    # there.
     depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)
@@ -77,7 +78,7 @@ def one_reaction(
 
 
 def _of_one_sort(contacts):
-    """Whether several contacts share one type: a loop is then compiled once, however many."""
+    """Whether all contacts have one type: a single compiled loop then serves any number."""
     return isinstance(contacts, compilation.types.UniTuple) and len(contacts) > 2
 
 
@@ -92,7 +93,7 @@ def reaction(
 ) -> tuple[float, float]:
     """Elastic force and damping (1/s) of the contacts that act in the zone from `low` to `high`.
 
-    The stoppers that act at a displacement x are those of the zone from x to x.
+    The stoppers active at a displacement x are those of the zone from x to x.
     """
     reactions = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
     return sum(push for push, _ in reactions), sum(rate for _, rate in reactions)
@@ -207,7 +208,7 @@ def _step(contacts, x, square_speed, longest, steps):
 
 
 def elastic_push(contacts: tuple[Contact, ...], x: Values) -> Values:
-    """Elastic force of all contacts on x, as Python calls it: float or array of any shape."""
+    """Elastic force of all contacts at x, for calls from Python: float or array of any shape."""
     total = 0.0 * np.asarray(x, dtype=float)
     for contact in contacts:
         s = np.sign(x) if contact.side == 0.0 else contact.side
@@ -228,7 +229,7 @@ def edges(contacts: tuple[Contact, ...]) -> tuple[float, ...]:
 
 
 def pulled_back(contact: Contact, spring: Spring) -> bool:
-    """Whether the spring holds the mass away from this contact at every depth.
+    """Whether the spring pushes the mass away from this contact at every depth.
 
     Then U(x) − U(gap) is never negative in contact, and v0 needs no bound.
     """
@@ -243,7 +244,7 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 def arrival_formula(
     contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
-    """2 [U(x) − U(s gap)]/rate², the speed² that reaches one stopper, as an expression."""
+    """2 [U(x) − U(s gap)]/rate² as an expression: the speed² at which a stopper is reached."""
     return spring.gain_formula(x, s * contact.gap, rate, number)
 
 
@@ -259,9 +260,9 @@ def formulas(
 ) -> tuple[str, str]:
     """(condition, force over rate²) of one contact as expressions of circuits and Verilog-A.
 
-    The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
-    a pair of stoppers takes a symmetric spring. `bounded` asks for a bound of U(x) − U(gap) by 0
-    that this spring does without: its numbers may be varied.
+    The force applies if the condition is true. See `HertzDamp.force_formula` for the arguments; a
+    pair of stoppers needs a symmetric spring. `bounded` bounds U(x) − U(gap) by 0 even if this
+    spring does not need it: its numbers may be varied.
     """
     gap = number("gap", contact.gap, "displacement at which it begins", "(0:inf)")
     sides = {

@@ -1,9 +1,9 @@
-"""Cores of a device's wells: states in which a well holds the mass, as opposed to a brief crossing.
+"""Cores of a device's wells: states in which the mass is trapped, as opposed to a brief crossing.
 
 A mass that passes a saddle may turn back immediately, or cross it repeatedly until it has lost its
-excess energy. It has reached a well when it moves between the adjacent saddles with no
-more than `CORE_SHARE` of the energy that leads out of it; a jump is the way from one core to
-another. Wherever wells hold a mass for long, the rate of jumps does not depend on that share.
+excess energy. It has reached a well when it moves between the adjacent saddles with at most
+`CORE_SHARE` of the escape energy; a jump leads from one core to another. If residence times are
+long, the rate of jumps does not depend on that share.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from harvester.device.system import potential
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# The core of a well reaches up to this share of the energy from its bottom to the lower saddle
-# next to it.
+# Energy limit of a well's core, as a share of the energy from its bottom to the lower adjacent
+# saddle.
 CORE_SHARE = 0.25
 
 
 def core_energies(system: System) -> np.ndarray:
     """Largest ½X'² + U(X) in the core of each of several wells.
 
-    From the left to the right, shape (wells,); scaled energy per mass.
+    From left to right, shape (wells,); scaled energy per mass.
     """
     return np.array(
         [
@@ -52,8 +52,8 @@ def cores_within(system: System) -> tuple[float, float]:
 def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]]:
     """Names of the rates of jumps, with the jumps (from, to) that each counts.
 
-    `wells`: more than one; counted from the left, in the names from 1 on. `alike`: two wells that
-    symmetry makes alike: one rate is used for both directions.
+    `wells`: at least two, numbered from the left, in the names from 1 on. `alike`: two symmetric
+    wells: one rate for both directions.
     """
     pairs = [(a, b) for a in range(wells) for b in range(wells) if a != b]
     if alike:

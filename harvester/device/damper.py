@@ -51,14 +51,14 @@ class QuadraticDamper(NamedTuple):
 
 
 def damper(damping: float, quadratic_damping: float = 0.0) -> Damper | QuadraticDamper:
-    """The damper that has these coefficients, the drag only where it is not zero."""
+    """The damper with these coefficients; without drag a `Damper`."""
     if quadratic_damping:
         return QuadraticDamper(float(damping), float(quadratic_damping))
     return Damper(float(damping))
 
 
 def drag_formula(part: Damper | QuadraticDamper, u: str, number: Callable) -> str:
-    """The drag as an expression of circuits and Verilog-A; empty without it.
+    """The drag as an expression of circuits and Verilog-A; empty without drag.
 
     `u` is the text of X'/rate and `number` turns (name, value, meaning, range of Verilog-A) into
     the text of a number.

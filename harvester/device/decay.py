@@ -1,4 +1,4 @@
-"""Exact linear decay with a drive, for decay rates that are faster than a step."""
+"""Exact linear decay with a drive, for decay within a step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def decayed(
 ) -> float:
     """y after a time, y' = −rate y + drive, the drive a parabola through three values.
 
-    Exact for any rate; for a large one it tends to end/rate, the equilibrium with the drive.
+    Exact for any rate; at a large rate it tends to end/rate, the equilibrium with the drive.
 
     `value`: y at the beginning. `rate`, `time`: 1/s ≥ 0, and s. `start`, `middle`, `end`: the drive
     at the beginning, half-way and at the end.

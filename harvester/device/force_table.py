@@ -1,12 +1,12 @@
-"""A spring by a table of force over displacement: a piecewise cubic, its energy by its integral.
+"""A spring from a table of force over displacement: a piecewise cubic; its energy is the integral.
 
-Between two points F is a cubic; beyond the first and the last it goes on in a straight line. F and
-F' are continuous. The pieces are written from the one about x = 0 outwards,
+Between two points F is a cubic; beyond the first and last point it continues as a straight line. F
+and F' are continuous. The pieces are written from the one about x = 0 outwards,
 
     F(x) = k0 + k1 x + k2 x² + k3 x³ + Σ (square + cube·d) d²,   d = max(side·x − offset, 0),
 
-one term where a piece gives way to the next: without a search or a branch, so that compiled code
-works on several realizations at a time. A wall far out adds nothing nearer to x = 0.
+one term per junction of two pieces. The sum needs no search or branch, so that compiled code
+processes several realizations at a time. A steep piece far out adds nothing nearer to x = 0.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from harvester.base.compilation import overload
 from harvester.device.dispatch import Values
 
 MOST_PIECES = 32
-# Every table is filled with zero terms up to this number, so that one compiled code serves all.
+# Every table is padded with zero terms to this number, so that the same compiled code serves all.
 TERMS = MOST_PIECES + 1
-# Points of a smoothed table for each of its pieces.
+# Points of a smoothed table per piece.
 POINTS_PER_PIECE = 3
 # A table is symmetric if its force differs from the mirrored one by less than this share of the
 # greatest force.
@@ -42,11 +42,11 @@ class ForceTable(NamedTuple):
     core : tuple of float
         (k0, k1, k2, k3) of the piece about x = 0.
     sides, offsets : tuple of float
-        ±1, and the distance of each change to another piece.
+        ±1, and the distance of each junction from x = 0.
     squares, cubes : tuple of float
         Coefficients of (distance)² and (distance)³ in the force of each piece.
     energy_cubes, energy_fourths : tuple of float
-        The same of the energy, U = … + Σ (energy_cube + energy_fourth·d) d³.
+        The coefficients of the energy, U = … + Σ (energy_cube + energy_fourth·d) d³.
     steepest : float
         Greatest |F'|.
     """
@@ -62,7 +62,7 @@ class ForceTable(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """Whether F(−x) = −F(x), but for rounding."""
+        """Whether F(−x) = −F(x) up to rounding."""
         x = np.linspace(0.0, 1.05 * max(map(abs, self.offsets)), CHECKED_POINTS)
         right, left = self.force(x), self.force(-x)
         return bool(np.all(np.abs(right + left) <= SYMMETRY * np.abs(right).max()))
@@ -89,7 +89,7 @@ class ForceTable(NamedTuple):
 
     @property
     def range(self) -> tuple[float, float]:
-        """Range of the force: all displacements, in straight lines beyond the table."""
+        """Range of the force: all displacements, as straight lines beyond the table."""
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
@@ -150,7 +150,7 @@ class ForceTable(NamedTuple):
         """Indices of the outermost pieces in which the energy falls to a level, and of both end
         lines.
 
-        None (search all pieces) where the level lies above the energy at an end of the table.
+        None (search all pieces) if the level is above the energy at an end of the table.
         """
         places, energies = _ladder(self)
         below, breaks = places[energies <= level], self.breaks()
@@ -175,8 +175,7 @@ class ForceTable(NamedTuple):
         if not solutions and some is not None:
             return self._levels(value, polynomial)
         places = np.sort(solutions)
-        # A rest position that differs from zero by rounding would be taken for a length of the
-        # device.
+        # A rest position off zero by rounding would be mistaken for a length of the device.
         places[np.abs(places) < 10.0 * least] = 0.0
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
@@ -199,7 +198,7 @@ class ForceTable(NamedTuple):
         return self._chosen(x, "gain", pieces, "2 [U - U(gap)]/rate^2", number)
 
     def _chosen(self, x, name, pieces, meaning, number):
-        """The polynomial of the piece in which x lies, by halving."""
+        """The polynomial of the piece that contains x, as nested conditions (bisection)."""
         breaks = self.breaks()
         ends = [number(f"{name}_end{k}", end, "end of a piece") for k, end in enumerate(breaks)]
 
@@ -225,7 +224,7 @@ class ForceTable(NamedTuple):
         return half(0, len(pieces) - 1)
 
 
-# Both are asked for six times while a scene is made ready.
+# Preparing a scene calls both six times.
 @functools.lru_cache(maxsize=64)
 def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
     """See `ForceTable.pieces`."""
@@ -236,8 +235,8 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
         [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
     ):
         linear, square, cube = (float(term) for term in table.taylor(inside))
-        # The same cubic, expanded about the origin. By hand: with
-        # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
+        # The same cubic, expanded about the origin. Without numpy's Polynomial, which took 80 ms
+        # per device: a yield study makes hundreds.
         away = float(origin) - float(inside)
         bent = square + cube * away
         first, second = linear + bent * away, bent + cube * away
@@ -258,10 +257,10 @@ def _roots(table: ForceTable) -> np.ndarray:
 
 @functools.lru_cache(maxsize=64)
 def _ladder(table: ForceTable) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of pieces and rest positions, ascending, and the energy there: it is monotone between.
+    """Ends of pieces and rest positions, ascending, and the energy there, monotone in between.
 
-    With it turning points need the roots of four pieces, and not of all 34: a drawn device, whose
-    frequency under noise is found in 60 steps, took 0.3 s.
+    With it turning points need the roots of 4 pieces instead of 34, which took 0.3 s for the 60
+    steps of a device's frequency under noise.
     """
     places = np.unique(np.concatenate([table.breaks(), table.roots()]))
     return places, np.array([float(table.energy(x)) for x in places])
@@ -273,9 +272,9 @@ def force_table(
     """The spring through a table's points, or a smooth fit to them.
 
     `points`: displacement and force, the displacements ascending, the first below 0 and the last
-    above. `interpolation`: "monotone": through every point, nowhere beyond its two neighbours
-    (scipy's PCHIP), of which there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least
-    squares, which has F'' continuous and, for each of its pieces, at least three points.
+    above. `interpolation`: "monotone": through every point without overshoot (scipy's PCHIP), with
+    at most `MOST_PIECES` + 1 points. "smooth": a cubic least-squares spline with continuous F'' and
+    at least three points per piece.
     """
     from scipy.interpolate import PchipInterpolator, PPoly, make_lsq_spline
 
@@ -297,7 +296,7 @@ def force_table(
 
 
 def _of_pieces(breaks, rising):
-    """Table of the pieces between breaks, with coefficients by rising powers."""
+    """Table of the pieces between breaks, with coefficients in rising powers."""
     middle = int(np.clip(np.searchsorted(breaks, 0.0, side="right") - 1, 0, len(rising) - 1))
     lengths = np.diff(breaks)
     ends = rising[:, 2] + 3.0 * rising[:, 3] * lengths
@@ -338,7 +337,7 @@ def _steepest(breaks, rising):
 
 
 def _bent(sides, offsets, firsts, seconds, x, power):
-    """The sum as Python calls it, without the terms that are zero."""
+    """The sum for calls from Python, without the terms that are zero."""
     x = float(x) if np.ndim(x) == 0 else np.asarray(x, dtype=float)
     total = 0.0 * x
     for s, offset, first, second in zip(sides, offsets, firsts, seconds, strict=True):

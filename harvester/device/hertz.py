@@ -2,8 +2,8 @@
 
 v0 is the speed at which the contact began. It is read from the state during the contact,
 v0² = d'² + 2 [max(U(x) − U(gap), 0) + E], with U the spring's energy and E = K d^(n+1)/(n+1) the
-contact's: |d'|/v0 ≤ 1 always, also where the stopper holds the mass short of the well's bottom.
-Or it is held from the moment of contact (`event`).
+contact's: |d'|/v0 ≤ 1 always, even if the stopper is inside the well. With `event`, v0 is instead
+held constant from the moment of contact.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from harvester.device.dispatch import Values, equation
 
-# An elastic Hertz contact lasts 2.943 times its greatest depth over the approach speed.
+# An elastic Hertz contact lasts 2.943 times the ratio of its greatest depth to the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
 # Compiled code finds a part's other equations by name.
 elastic_energy, impact_speed, duration, power_below = map(
@@ -33,11 +33,11 @@ class HertzDamp(NamedTuple):
     exponent
         n.
     damping_factor
-        ¾ (1 − e²), without unit.
+        ¾ (1 − e²), dimensionless.
     holds
-        1 where v0 is held from the moment of contact (`event`), else 0.
+        1 if v0 is held from the moment of contact (`event`), else 0.
     duration_factor
-        Duration of an elastic contact over its greatest depth over speed.
+        Duration of an elastic contact in units of greatest depth / approach speed.
     """
 
     stiffness: float
@@ -78,7 +78,7 @@ class HertzDamp(NamedTuple):
     ) -> Values:
         """Damping force over velocity (1/s).
 
-        `held_speed` is v0 where it is held, raised to |v| where it lies below.
+        `held_speed` is v0 if it is held; at least |v| is used.
         """
         if self.holds != 0.0:
             speed = np.maximum(held_speed, np.abs(v))
@@ -97,11 +97,11 @@ class HertzDamp(NamedTuple):
         depth, sign, u : str
             The depth, the side s as 1, −1 or an expression, and X'/rate.
         gain : str
-            2 [U(x) − U(gap)]/rate², or that bounded by 0 where it may be negative.
+            2 [U(x) − U(gap)]/rate², bounded by 0 if it may be negative.
         number : callable
             Turns (name, value, meaning, range of Verilog-A) into the text of a number.
         held : str
-            The node voltage of v0/rate where it is held.
+            The node voltage of v0/rate if v0 is held, else empty.
         rate : float
             1/s.
         """
@@ -130,7 +130,7 @@ class HertzDamp(NamedTuple):
     def shortened(self, square_speed: float, steps: int, longest: float) -> float:
         """Step (s), at most `longest`, that divides a contact at this speed² into `steps`."""
         if self.exponent == HERTZ_EXPONENT:
-            # The same comparison without a power, for the usual case of a soft contact.
+            # The same comparison without a power, for the common case of a soft contact.
             bound = HERTZ_DURATION / (steps * longest)
             bound = bound * bound * bound * bound * bound
             soft = 1.25 / self.stiffness
@@ -142,12 +142,12 @@ class HertzDamp(NamedTuple):
 
 
 class Hertz(HertzDamp):
-    """The law with Hertz's exponent n = 3/2: a separate type, compiled without a power."""
+    """The law with Hertz's exponent n = 3/2: a separate type, compiled with a square root."""
 
     __slots__ = ()
 
     def power_below(self, depth: Values) -> Values:
-        """√d, the power below that of the force."""
+        """√d, one power below the force."""
         return np.sqrt(depth)
 
 

@@ -1,11 +1,11 @@
-"""Keys of a scene, each declared once: at the field of its table's class.
+"""Keys of a scene, each declared once as a field of its table's class.
 
     @table
     class Start(Table):
         velocity: float = key("velocity at the beginning", "m/s", default=0.0)
 
-From the declaration follow the check of a scene, its TOML and JSON, `--set`, the file of
-`harvester new`, the JSON Schema of `harvester schema` and the list of keys in the docs.
+The declaration defines the check of a scene, its TOML and JSON, `--set`, the file of `harvester
+new`, the JSON Schema of `harvester schema` and the list of keys in the docs.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ READ_OR_BUILD = 'a scene is Scene.read("file.toml") or Scene.from_tables({"oscil
 
 @dataclass(frozen=True)
 class Key:
-    """Values that one key accepts: a number in a range, a text, one of a few words, a list, named
+    """Accepted values of a key: a number in a range, a text, a choice of words, a list, named
     values.
 
     Attributes
     ----------
     text
-        Describes it, first by a short name up to a colon.
+        Description of the key: a short name, a colon, details.
     unit, scaled
         Unit in SI; unit in scaled scenes.
     kind
@@ -50,17 +50,17 @@ class Key:
     element, count
         For a list: meaning of a value, and the smallest and largest number of values.
     likely
-        Usual sizes of a part, with the unit that is often mistaken for the key's: its
-        factor and name.
+        Plausible sizes of a real part, and factor and name of the unit that is often confused with
+        the key's.
     usual, asked
-        Range of common devices (SI). `harvester new` asks for keys that have one or are `asked`.
+        Range of common devices (SI). `harvester new` asks for keys with `usual` or `asked`.
     default
-        Value of a key that is left out.
+        Value of an omitted key.
     rare, written
-        A written scene omits `rare` keys at their default, and always those not `written`, which
-        stay in memory and in JSON; schema and docs do not list them.
+        A scene's file omits `rare` keys at their default. Keys not `written` are only in memory and
+        JSON, not in the file, the schema or the docs.
     drawn
-        Whether it follows from a drawing.
+        Whether the value can be computed from a drawing.
     file
         Whether the name of a file is accepted.
     """
@@ -97,7 +97,7 @@ class Key:
         return self.kind is float and not self.element
 
     def unit_in(self, units: str) -> str:
-        """The unit in a scene with these `units`; empty where it is scaled."""
+        """The unit in a scene with these `units`; empty if it is scaled."""
         return self.unit if units == SI or self.unit in ALWAYS else ""
 
     def allowed(self, units: str = SCALED) -> str:
@@ -132,12 +132,12 @@ NUMBER, POSITIVE = Key(), Key(low=0.0, low_allowed=False)
 
 
 class OneOf(NamedTuple):
-    """Keys of a table that give the same property: a scene holds one of them.
+    """Alternative keys of one property: a scene contains one of them.
 
     Attributes
     ----------
     keys
-        The first is computed if another one is given for it.
+        If another key is given, the first is computed from it.
     needs
         Further keys, each with the keys of the group that it requires.
     required
@@ -158,7 +158,7 @@ class OneOf(NamedTuple):
 
 
 def key(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
-    """A field of a table: see `Key`. Without `default` it is None where the key is left out."""
+    """A field of a table: see `Key`. Without `default`, an omitted key is None."""
     declared = Key(text, unit, scaled, **more)
     return field(default=declared.default, metadata={"key": declared})
 
@@ -174,12 +174,12 @@ def not_negative(text: str, unit: str = "", scaled: str = "", **more: Any) -> An
 
 
 def word(text: str, words: Collection[str], **more: Any) -> Any:
-    """A field for one of a few words."""
+    """A field for a choice of words."""
     return key(text, kind=str, words=words, **more)
 
 
 class TableType(ABCMeta):
-    """Metaclass of tables: errors on a class name the two functions that make a scene."""
+    """Metaclass of tables: errors on a class name the two functions that create a scene."""
 
     if not TYPE_CHECKING:
 
@@ -190,7 +190,7 @@ class TableType(ABCMeta):
                 raise SceneError(f"{cls.__name__}(…): {error}; {READ_OR_BUILD}") from None
 
         def __getattr__(cls, name):
-            # The decorator of dataclasses looks for such names.
+            # The dataclass decorator looks up such names.
             private = name.startswith("_")
             hint = "" if private else nearest(name, [key for key in dir(cls) if key[0] != "_"])
             raise AttributeError(f"{cls.__name__} has no {name}{hint}; {READ_OR_BUILD}")
@@ -202,13 +202,13 @@ class Table(metaclass=TableType):
     Attributes
     ----------
     NAME
-        Name of the table in a scene; None: the class's name in small letters.
+        Name of the table in a scene; None: the class's name in lower case.
     KEYS
         Keys that the table may hold.
     UNITS
         Units of scenes that may have the table; empty: each key decides.
     ALTERNATIVES
-        Groups of keys that give the same property.
+        Groups of alternative keys.
     """
 
     NAME: ClassVar[str | None] = None
@@ -226,14 +226,14 @@ class Table(metaclass=TableType):
 def table(cls: type[Declared]) -> type[Declared]:
     """Make a frozen dataclass of a table whose fields are declared by `key` and the like.
 
-    The refusal of an assignment names `Scene.replace`.
+    An assignment raises an error that names `Scene.replace`.
     """
     table_name = cls.__name__.removesuffix("Table").lower() if cls.NAME is None else cls.NAME
     prefix = f"{table_name}." if table_name else ""
 
     def refuse(self: object, name: str, value: object) -> None:
         raise FrozenInstanceError(
-            f"cannot assign to {name}: a scene is frozen; its copy with another value is "
+            f"cannot assign to {name}: a scene is frozen; to copy it with another value, use "
             f'scene.replace({{"{prefix}{name}": {value!r}}})'
         )
 
@@ -253,7 +253,7 @@ def class_of(tables: Any, values: Mapping[str, Any]) -> Any:
 
 
 def every_key(tables: Any) -> dict[str, Key]:
-    """Keys of a table's class, or of all classes by the table's `kind`."""
+    """Keys of a table's class, or of all its classes by `kind`."""
     if not isinstance(tables, Mapping):
         return tables.KEYS
     merged = {"kind": Key("kind", kind=str, words=tables)}
@@ -263,7 +263,7 @@ def every_key(tables: Any) -> dict[str, Key]:
 
 
 def computed(part: Any) -> list[str]:
-    """Names of the values of a table that were computed from an alternative key."""
+    """Names of a table's values that were computed from an alternative key."""
     groups = (group.keys for group in part.ALTERNATIVES)
     return [first for first, *others in groups if any(getattr(part, n) for n in others)]
 
@@ -295,7 +295,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
     if spec.kind in _NOUNS:
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
-    # A number in quotes must have a suffix; without one the quotes are a mistake.
+    # A quoted number must have a suffix; otherwise the quotes are a mistake.
     if (
         isinstance(value, str)
         and spec.kind is float
@@ -326,7 +326,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
 
 
 def check_table(where: str, values: dict[str, Any], tables: Any, units: str, origin: str) -> Any:
-    """A table of a scene from its values, each checked by its key.
+    """Check each value of a scene's table by its key and return the table.
 
     `tables`: the table's class, or classes by the table's `kind`. Raises SceneError for an unknown,
     missing or misplaced key, a wrong type or a value out of range.
@@ -382,7 +382,7 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
 
 
 class NamedValues(dict):
-    """A dictionary that cannot be changed; equal to any with the same names and values.
+    """An immutable, hashable dictionary, equal to any with the same names and values.
 
     >>> {NamedValues(resistance=1e5): "a load"}[NamedValues({"resistance": 1e5})]
     'a load'
@@ -403,7 +403,7 @@ class NamedValues(dict):
 
 def is_word(value: object, words: Collection[str]) -> bool:
     """Whether a value is one of the allowed words."""
-    # An array of numpy is compared item by item.
+    # A numpy array would be compared element by element.
     return isinstance(value, str) and value in words
 
 

@@ -1,7 +1,8 @@
-"""The equations of a transducer with one state, and the numbers of the simplest ones.
+"""The equations of a transducer with one state, and the coefficients of the simplest transducers.
 
 The state e obeys e' = X' − λ e, scaled so that X' drives it with the factor 1; the force on the
-mass against X' is d X' + β e. Every linear network with one capacitance or one inductance does so.
+mass against X' is d X' + β e. Every linear network with one capacitance or one inductance has this
+form.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ class NoBaseForce:
     def base_rate(self, slope: float) -> float:
         """The term that η', the excitation's rate of change, adds to X' in the state's equation.
 
-        Nothing is −0.0: a sum with it is the same to the last bit, and compiled code leaves it out.
+        No term is −0.0: adding it changes no bit, and the compiler removes it.
         """
         return -0.0
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
-        """The velocity whose product with η is the input power; `current` flows into the load."""
+        """The velocity that times η is the input power; `current` flows into the load."""
         return v
 
     def kept_state(self, state: Values, noise: Values) -> Values:
@@ -33,7 +34,7 @@ class NoBaseForce:
 
 
 class LinearTransducer(NoBaseForce):
-    """Base of the named tuples of such equations; without fields.
+    """Base class, without fields, of transducers with these equations.
 
     Methods take and return floats and are compiled. A subclass has at least
     `coupling`, `load_rate` and `own_rate` as in `TransducerRates`, and `voltage` and `loss`.
@@ -47,7 +48,7 @@ class LinearTransducer(NoBaseForce):
 
     @property
     def lossless(self) -> bool:
-        """Whether the transducer itself takes no power."""
+        """Whether the transducer itself dissipates no power."""
         return self.own_rate == 0.0
 
     def decay_rate(self) -> float:
@@ -55,7 +56,7 @@ class LinearTransducer(NoBaseForce):
         return self.load_rate + self.own_rate
 
     def damping(self) -> float:
-        """d, the part of the force that is proportional to the velocity (1/s)."""
+        """d, force proportional to the velocity, over velocity (1/s)."""
         return 0.0
 
     def force(self, v: Values, state: Values) -> Values:
@@ -67,7 +68,7 @@ class LinearTransducer(NoBaseForce):
         return v - (self.load_rate + self.own_rate) * state
 
     def current(self, v: Values, state: Values) -> Values:
-        """The current into a resistor as load, where `loss` asks for it."""
+        """The current into a resistor as load, if `loss` needs it."""
         return 0.0
 
     def load_power(self, v: Values, state: Values) -> Values:
@@ -79,12 +80,12 @@ class LinearTransducer(NoBaseForce):
         return 0.5 * self.coupling * state * state
 
     def stiffness(self, mechanical: float) -> float:
-        """Stiffness per mass (1/s²) that the transducer adds, at the frequency of the given one."""
+        """Stiffness per mass (1/s²) of the transducer at the frequency √`mechanical`."""
         square = abs(mechanical) + self.coupling
         return self.coupling * square / ((self.load_rate + self.own_rate) ** 2 + square)
 
     def loss_rate(self, frequency: float) -> float:
-        """Rate at which load and transducer damp motion at a frequency, βλ/(λ² + ω²) (1/s)."""
+        """Damping rate of motion at a frequency by load and transducer, βλ/(λ² + ω²) (1/s)."""
         rate = self.load_rate + self.own_rate
         return self.coupling * rate / (rate**2 + frequency**2)
 
@@ -97,8 +98,7 @@ class TransducerRates(NamedTuple):
     coupling
         β, force per state (1/s²).
     load_rate
-        The load resistor's part of λ (1/s); 0 where a netlist is the load, which only a
-        circuit knows.
+        The load resistor's part of λ (1/s); 0 if the load is a netlist.
     own_rate
         The transducer's own part of λ (1/s).
     """

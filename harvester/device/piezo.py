@@ -1,8 +1,8 @@
-"""The piezo: a clamped capacitance that the velocity charges, perhaps leaky (Eq. 4).
+"""The piezo: a clamped capacitance charged by the velocity, optionally with leakage (Eq. 4).
 
 M x'' + … + θ V = …, Cp V' = θ x' − Q a' − V/R_leak − i, with i into the load. Scaled:
-V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a directly if modes of a beam
-that are left out follow it at once (`base_charge`); η = −μ a/l, so that κ = Q/(μ θ).
+V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a directly through the residual
+modes of a beam, which follow it quasi-statically (`base_charge`); η = −μ a/l, so that κ = Q/(μ θ).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from harvester.device.keys import SCALED, SI, OneOf, key, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, TransducerRates
 from harvester.device.terminals import GROUND, Component, Network, Setting, TransducerTable
 
-# The square of a larger λ (1/s) would overflow.
+# Largest decay rate λ (1/s) whose square does not overflow.
 FASTEST_DECAY = 1e150
 TERMINAL = "piezo"
 # The node whose voltage against ground the base's acceleration sets, in series with Cp.
@@ -24,7 +24,7 @@ BASE = "base"
 
 
 class PiezoLaw(LinearTransducer):
-    """Properties that every piezo has, whether or not the base's acceleration moves charge."""
+    """Properties of every piezo, with or without charge moved by the base's acceleration."""
 
     __slots__ = ()
 
@@ -33,7 +33,7 @@ class PiezoLaw(LinearTransducer):
         return state
 
     def loss(self, v: Values, state: Values, current: Values) -> Values:
-        """Power in the leak, β V²/(R_leak Cp)."""
+        """Power in the leakage resistance, β V²/(R_leak Cp)."""
         return self.coupling * self.own_rate * state * state
 
     def stiffness(self, mechanical: float) -> float:
@@ -57,13 +57,13 @@ class _ShakenRates(NamedTuple):
 class BaseForcedPiezo(PiezoLaw, _ShakenRates):
     """A piezo in which the base's acceleration moves charge directly.
 
-    The state is V. Cp stores W = V − κ η, W' = X' − λ V; ½βW² is energy of the
-    capacitance and of the modes left out.
+    The state is V. Cp stores W = V − κ η, W' = X' − λ V; ½βW² is the energy of the capacitance and
+    the residual modes.
 
     Attributes
     ----------
     base_share
-        κ, the scaled voltage that one unit of η adds while no charge flows (s²).
+        κ, the open-circuit voltage per unit of η, scaled (s²).
     """
 
     __slots__ = ()
@@ -73,11 +73,11 @@ class BaseForcedPiezo(PiezoLaw, _ShakenRates):
         return self.base_share * slope
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
-        """X' − βκ W': the base also moves the modes that are left out."""
+        """X' − βκ W': the base also moves the residual modes."""
         return v - self.coupling * self.base_share * (v - self.own_rate * state - current)
 
     def kept_state(self, state: Values, noise: Values) -> Values:
-        """The kept state W = V − κ η."""
+        """The state that stores energy, W = V − κ η."""
         return state - self.base_share * noise
 
     def current(self, v: Values, state: Values) -> Values:
@@ -127,7 +127,7 @@ class PiezoTable(TransducerTable):
     takes_voltage: ClassVar[bool] = True
 
     def coupling_at(self, stiffness: float) -> float:
-        """The coupling (N/V) that `k2` is with the spring's stiffness at rest (N/m)."""
+        """The coupling (N/V) that follows from `k2` and the spring's stiffness at rest (N/m)."""
         return math.sqrt((self.k2 or 0.0) * stiffness * self.capacitance)
 
     def voltage_unit(self, setting: Setting) -> float:
@@ -137,10 +137,10 @@ class PiezoTable(TransducerTable):
         return self.coupling * setting.length / self.capacitance
 
     def equations(self, setting: Setting) -> Piezo | BaseForcedPiezo:
-        """The piezo; a load that is no resistor leaves it open.
+        """The piezo; open-circuited unless the load is a resistor.
 
-        Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
-        and the load's power is measured in the circuit.
+        An open circuit gives the largest motion, for which steps are chosen; the circuit measures
+        the load's power.
         """
         rate, share = self._load_rate(setting), self._base_share(setting)
         if setting.units != SI:
@@ -150,7 +150,7 @@ class PiezoTable(TransducerTable):
         return piezo(theta**2 / (setting.mass * cp), rate, leak, share)
 
     def _base_share(self, setting):
-        """κ = Q/(μ θ); 0 where the base rests."""
+        """κ = Q/(μ θ); 0 if the base is at rest."""
         if not self.base_charge:
             return 0.0
         if setting.units != SI:
@@ -166,9 +166,9 @@ class PiezoTable(TransducerTable):
             return 0.0
         if resistance * capacitance * FASTEST_DECAY < 1.0:
             raise LoadError(
-                f"{setting.name}: the load's resistance of {resistance:g} Ω discharges the piezo's "
-                f"{capacitance:g} F faster than {FASTEST_DECAY:g} times a second: choose a greater "
-                "one"
+                f"{setting.name}: the load resistance of {resistance:g} Ω discharges the piezo's "
+                f"{capacitance:g} F faster than {FASTEST_DECAY:g} times a second: choose a larger "
+                "resistance"
             )
         return 1.0 / (resistance * capacitance)
 

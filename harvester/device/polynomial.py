@@ -17,10 +17,10 @@ from harvester.device.dispatch import Values
 
 
 class Polynomial(NamedTuple):
-    """A polynomial restoring force, its even and odd powers apart.
+    """A polynomial restoring force, with even and odd powers separate.
 
-    If a device has only odd powers, the even ones are an empty tuple and cost nothing.
-    See `harvester.device.spring` for the equations.
+    Without even powers, their tuples are empty and cost no time. See `harvester.device.spring` for
+    the equations.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Polynomial(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """Whether F is a line."""
+        """Whether F is linear in x."""
         return len(self.coefficients) <= 2
 
     @property
@@ -70,7 +70,7 @@ class Polynomial(NamedTuple):
 
     @property
     def odd_cubic(self) -> tuple[float, float] | None:
-        """(k1, k3) where there is nothing else; None for other springs."""
+        """(k1, k3) if the spring has no other terms; None for other springs."""
         if not self.symmetric or len(self.odd) > 2:
             return None
         linear, cubic = (*self.odd, 0.0, 0.0)[:2]
@@ -143,14 +143,14 @@ class Polynomial(NamedTuple):
 
     @property
     def gain_is_product(self) -> bool:
-        """Whether rounding leaves `gain_formula` its sign: a product's, not a difference's."""
+        """Whether `gain_formula` is a product, so that rounding cannot change its sign."""
         return self.odd_cubic is not None
 
     def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
         """2 [U(x) − U(gap)]/rate².
 
-        For a spring of first and third power a product, because simulators differentiate term by
-        term.
+        For a spring of first and third power it is a product, since simulators differentiate term
+        by term.
         """
         if self.odd_cubic is not None:
             linear, cubic = self.odd_cubic
@@ -196,7 +196,7 @@ def _trimmed(coefficients):
     return tuple(trimmed)
 
 
-# The device's fastest motion is found from the turning points of 60 energies.
+# The search for the device's fastest motion needs the turning points of 60 energies.
 @functools.lru_cache(maxsize=64)
 def _deepest(spring: Polynomial) -> float:
     """Energy of the deepest well."""
@@ -230,7 +230,7 @@ def _in_squares(coefficients, square):
 
 
 def in_powers(coefficients: list[Any] | tuple[float, ...], x: Values) -> Values:
-    """Σ coefficients[m] x^2m, each power by two products, for the force and its slope."""
+    """Σ coefficients[m] x^2m, two products per power, for the force and its slope."""
     total = 0.0 * x
     for coefficient in reversed(coefficients):
         total = coefficient + total * x * x

@@ -1,4 +1,4 @@
-"""The record that every engine hands to the same estimators, in chunks."""
+"""The record that every engine passes to the estimators, in chunks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from harvester.base.compilation import compiled, register_jitable
 
 
 class Record(NamedTuple):
-    """A chunk of consecutive accepted time points, scaled units; arrays of one shape (n,).
+    """A chunk of consecutive accepted time points, in scaled units; all arrays have shape (n,).
 
     Attributes
     ----------
@@ -20,15 +20,15 @@ class Record(NamedTuple):
     load_power
         Power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power
-        η X', the power from the base (Eq. 33), and on a piezo's charge −βκ η W' (see
+        η X', the power from the base (Eq. 33), with −βκ η W' on a piezo's charge (see
         `harvester.device.piezo.BaseForcedPiezo`).
     loss_power
         Power lost in damper, contacts and the transducer's internal resistance, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss
-        The part of it in leak or winding.
+        The part of `loss_power` in leakage or winding.
     transducer_state
-        State that holds the transducer's energy, V of a piezo, or its W.
+        State that determines the transducer's energy, V or W of a piezo.
     """
 
     time: np.ndarray
@@ -57,7 +57,7 @@ def empty_record(count: int) -> Record:
 @register_jitable
 def part(record: Record, start: int, stop: int) -> Record:
     """Points start … stop − 1 of a record, as views."""
-    # Written out one by one, since compiled code accepts no generator here.
+    # Written out field by field: compiled code accepts no generator here.
     return Record(
         record.time[start:stop],
         record.displacement[start:stop],

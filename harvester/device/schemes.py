@@ -1,4 +1,4 @@
-"""One step of Eq. 4 by Runge–Kutta, Heun's scheme or with a decay taken exactly, compiled."""
+"""One compiled step of Eq. 4: by Runge–Kutta, by Heun's scheme, or with exact decay."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST_DECAY = 1.0
 
 
 class Scheme(enum.Enum):
-    """Schemes for a step of Eq. 4; the value is the name in results."""
+    """Schemes for a step of Eq. 4; a member's value is its name in results."""
 
     RUNGE_KUTTA = "Runge-Kutta 4"
     HEUN = "Heun 2"
@@ -25,19 +25,18 @@ class Scheme(enum.Enum):
     def argument(self) -> bool | None:
         """The scheme as an argument of compiled code.
 
-        None has a separate type: the code for Runge–Kutta, which nearly all runs take, is
-        compiled without the other two, and LLVM can take eight realizations at a time. A value of
-        an enumeration would leave the choice to every step.
+        None has a separate type: the code for Runge–Kutta, the usual scheme, is compiled without
+        the other two, so that LLVM vectorizes it. With an enumeration every step would branch.
         """
         return {Scheme.RUNGE_KUTTA: None, Scheme.HEUN: True, Scheme.EXACT_DECAY: False}[self]
 
 
-# Schemes by the names that `harvester.MonteCarlo` takes.
+# Schemes by their names in `harvester.MonteCarlo`.
 NAMED = {"runge-kutta": Scheme.RUNGE_KUTTA, "heun": Scheme.HEUN}
 
 
 def scheme_of(s: System, name: str, step: float) -> Scheme:
-    """The scheme of this name, or that with the decay exact where it is faster than a step (s)."""
+    """The scheme of this name, or the one with exact decay if it is faster than a step (s)."""
     damping = s.damper.damping + s.transducer.damping()
     if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
         return Scheme.EXACT_DECAY
@@ -83,7 +82,7 @@ def one_step(
     noise, slope : float
         The excitation there, and its rate of change.
     reaction : float
-        The contacts' force at the step's beginning, which the step before has found.
+        The contacts' force at the step's beginning, known from the step before.
     """
     if scheme is None:
         return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
@@ -94,10 +93,10 @@ def one_step(
 
 @register_jitable
 def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
-    """Step of third order that takes the decay of X' and V exactly, however fast.
+    """Step of third order with exact decay of X' and V at any rate.
 
-    X' decays driven by all other forces, V decays driven by X': each drive is a parabola through
-    the step's beginning, middle and end, from two predictions of the middle and one of the end.
+    X' decays driven by all other forces, V decays driven by X'. Each drive is a parabola through
+    the step's beginning, middle and end: the middle is predicted twice, the end once.
     """
     half = 0.5 * h
     middle = noise + slope * half
@@ -140,7 +139,7 @@ def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction
 
 @merged
 def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
-    """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
+    """Classical Runge–Kutta step of Eq. 4; a contact is active throughout the step or never."""
     half = 0.5 * h
     middle = noise + slope * half
     base = system.base_rate(s.transducer, slope)

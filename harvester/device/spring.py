@@ -1,11 +1,10 @@
 """Springs: a restoring force F(x) and its energy U = ∫F, scaled: per mass and length unit.
 
 A spring is a named tuple of numbers: `harvester.device.polynomial.Polynomial`,
-`harvester.device.force_table.ForceTable`, or one of these within a range,
-`Ranged`. Each has the same methods and properties. Compiled code calls
-`force`, `energy` and `greatest_stiffness` by the functions of this module; formulas are expressions
-of circuits and Verilog-A, whose argument `number` turns (name, value, meaning, range of Verilog-A)
-into the text of a number.
+`harvester.device.force_table.ForceTable`, or one of these within a range, `Ranged`. All have the
+same methods and properties. Compiled code calls `force`, `energy` and `greatest_stiffness` through
+the functions of this module; formulas are expressions of circuits and Verilog-A, whose argument
+`number` turns (name, value, meaning, range of Verilog-A) into the text of a number.
 """
 
 from __future__ import annotations
@@ -24,16 +23,15 @@ from harvester.device.polynomial import Polynomial
 force = equation("force")
 energy = equation("energy")
 greatest_stiffness = equation("greatest_stiffness")
-# Points of the range among which the greatest stiffness is searched.
+# Number of points of the range at which the stiffness is evaluated to find the greatest.
 STIFFNESS_POINTS = 201
 
 
 class Ranged(NamedTuple):
-    """Another spring between two displacements, such as one that softens.
+    """A spring with a limited range of validity, such as a softening one.
 
-    Beyond its range it continues as a straight line that leads back, so that a mass that leaves the
-    range is seen there and is not lost in numbers that overflow; every engine ends the run with an
-    error.
+    Beyond the range the force continues as a restoring straight line: a mass that leaves the range
+    is detected before numbers overflow, and every engine ends the run with an error.
 
     Attributes
     ----------
@@ -56,7 +54,7 @@ class Ranged(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """Whether F is a line: no, it bends at both ends of the range."""
+        """False: F has a corner at both ends of the range."""
         return False
 
     @property
@@ -76,7 +74,7 @@ class Ranged(NamedTuple):
 
     @property
     def range(self) -> tuple[float, float]:
-        """Displacements between which the force holds."""
+        """Displacements between which the force is valid."""
         return self.low, self.high
 
     def force(self, x: Values) -> Values:
@@ -106,7 +104,7 @@ class Ranged(NamedTuple):
         return roots[(self.low <= roots) & (roots <= self.high)]
 
     def turning_points(self, energy: float) -> tuple[float, float]:
-        """The outermost displacements of the range that this energy reaches."""
+        """The outermost displacements within the range that are reached with this energy."""
         x = np.linspace(self.low, self.high, STIFFNESS_POINTS)
         bottom = min((float(self.energy(root)) for root in self.roots()), default=0.0)
         reached = x[self.energy(x) <= bottom + energy]
@@ -161,10 +159,10 @@ class Ranged(NamedTuple):
 
 
 def ranged(spring: Any, low: float, high: float) -> Ranged:
-    """A spring within a range; the lines beyond are as stiff as its stiffest point."""
+    """A spring within a range; the stiffness beyond is the greatest within the range."""
     x = np.linspace(low, high, STIFFNESS_POINTS)
     stiffness = float(np.abs(spring.slope(x)).max())
-    # A mass that leaves the range must turn within a distance like the range itself.
+    # A mass that leaves the range must turn back within about the length of the range.
     pull = max(abs(float(spring.force(low))), abs(float(spring.force(high))))
     return Ranged(spring, float(low), float(high), max(stiffness, pull / (high - low)) or 1.0)
 

@@ -1,7 +1,7 @@
 """The sum of a device's parts: forces, losses and energies of Eqs. 4, 5 and 33 in scaled form.
 
 Pure functions of a `System` s, displacement x and velocity v; they take floats, also in compiled
-code. Code is compiled for the parts that a system has; missing parts cost nothing.
+code. Only the parts of a system are compiled; missing parts cost no time.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
 
-# One step covers at most this share of the shortest time to a contact. The approach then ends in a
-# few ever shorter steps, none of which jumps into the stopper.
+# Largest step as a share of the shortest time to a contact. The approach then ends in a few
+# decreasing steps, none of which enters the stopper.
 APPROACH_SHARE = 0.8
 
 part_force = equation("force")
@@ -42,7 +42,7 @@ kept_state = equation("kept_state")
 
 
 class Noise(NamedTuple):
-    """The Ornstein–Uhlenbeck noise of Eq. 6, or the one that an excitation is equivalent to.
+    """The Ornstein–Uhlenbeck noise of Eq. 6, or the noise equivalent to another excitation.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class System(NamedTuple):
 
 @register_jitable
 def push(s: System, x: float, v: float, state: float, noise: float) -> float:
-    """Acceleration by all but the contacts, η − damper − transducer − F(x)."""
+    """Acceleration without the contacts, η − damper − transducer − F(x)."""
     damping = part_force(s.damper, v)
     return noise - damping - part_force(s.transducer, v, state) - springs.force(s.spring, x)
 
@@ -97,7 +97,7 @@ def push(s: System, x: float, v: float, state: float, noise: float) -> float:
 def contact_force(
     s: System, x: float, v: float, held_speed: float, low: float, high: float
 ) -> float:
-    """f of Eq. 5, the contacts that act in the zone from `low` to `high`."""
+    """f of Eq. 5: the force of the contacts that are active in the zone from `low` to `high`."""
     return contacts.force(s.contacts, s.spring, x, v, held_speed, low, high)
 
 
@@ -124,9 +124,9 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
 
 
 def held_impact_speed(s: System, x: float, v: float) -> float:
-    """Impact speed v0 that a run begins with where v0 is held during contact (`event`).
+    """Initial impact speed v0 of a run if v0 is held during contact (`event`).
 
-    It is the speed at which the mass would have entered the contact that it starts in.
+    If the run starts in contact: the speed at which the mass would have entered it.
     """
     return float(np.sqrt(v * v + 2.0 * contacts.energy(s.contacts, x)))
 
@@ -142,7 +142,7 @@ def earliest_contact(
 ) -> float:
     """Time before which a free mass cannot reach `low` or `high` (s).
 
-    Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
+    The acceleration towards either is at most `acceleration` (with its sign) plus `margin`.
     """
     earliest = np.inf
     for outward, distance, towards in ((v, high - x, acceleration), (-v, x - low, -acceleration)):
@@ -166,7 +166,7 @@ def resolving_step(
     steps: int,
     landing: float = 1.0,
 ) -> float:
-    """Step that resolves a contact and, before it, ends short of it, ≤ `longest` (s).
+    """Step ≤ `longest` (s) that resolves a contact, or ends before the contact begins.
 
     Parameters
     ----------
@@ -177,15 +177,15 @@ def resolving_step(
     acceleration : float
         Acceleration by `push` (per length unit).
     margin : float
-        Greatest change of it within `longest`.
+        Greatest change of the acceleration within `longest`.
     longest : float
-        Step away from the contacts (s).
+        Step far from the contacts (s).
     steps : int
         Per contact.
     landing : float
-        Share of such a step in which the contact may begin unforeseen.
+        Share of such a step within which an unpredicted contact may begin.
     """
-    # A mass that is pressed onto the stopper meets it with the speed that it gains on the way.
+    # A mass pressed onto the stopper hits it with the speed gained within the step.
     speed = abs(v) + (abs(acceleration) + margin) * longest
     step = contacts.step(s.contacts, x, speed * speed, longest, steps)
     if x < low or x > high or (step == longest and landing == 1.0):

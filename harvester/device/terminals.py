@@ -1,9 +1,9 @@
 """Interface of every transducer: its table in a scene, and its network in neutral terms.
 
 A transducer acts on the mass with a force and delivers power to the load at its terminals. Its
-internal loss (leak, winding) never counts as power. It is one module with two classes: the named
-tuple of its scaled equations (see `harvester.device.linear_transducer`), and its table, derived
-from `TransducerTable`. It joins the others by an entry in `harvester.scene.tables.TRANSDUCERS`.
+internal loss (leak, winding) never counts as power. Each transducer is a module with two classes:
+the named tuple of its scaled equations (see `harvester.device.linear_transducer`), and its table,
+derived from `TransducerTable`. An entry in `harvester.scene.tables.TRANSDUCERS` registers it.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Setting(NamedTuple):
     decay_rate
         λ of a scaled scene's built-in resistor (1/s), else None.
     name
-        Of the scene, for messages.
+        Name of the scene, for messages.
     excitation_unit
-        The base's acceleration for one unit of η, in the scene's units; 0 where the
-        displacement is prescribed and the base rests.
+        The base's acceleration per unit of η, in the scene's units; 0 if the displacement is
+        prescribed and the base is at rest.
     """
 
     units: str
@@ -52,22 +52,21 @@ class Component(NamedTuple):
     Attributes
     ----------
     kind
-        Kind of the element, and meaning of `value`:
-        "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
-        "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
-        unit; the current flows from `minus` to `plus`, and out of it);
-        "base voltage": a source in proportion to η (V for one scaled unit);
-        "force of voltage", "force of current": force on the mass against X', by the voltage
-        between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
-        whose name is `plus` (scaled acceleration per ampere).
+        Kind of the element, and meaning of `value`: "resistor" (Ω), "capacitor" (F), "inductor"
+        (H), "ammeter" (0 V); "moving voltage", "moving current": a source proportional to X' (V or
+        A per scaled unit; the current flows from `minus` to `plus`, and out of it); "base voltage":
+        a source proportional to η (V per scaled unit); "force of voltage", "force of current":
+        force on the mass against X', by the voltage between the nodes (scaled acceleration per
+        scaled volt) or by the current of the ammeter whose name is `plus` (scaled acceleration per
+        ampere).
     name
-        Its own, without blanks.
+        Unique name, without blanks.
     plus, minus
         Nodes.
     value : float.
     holds_state
-        Whether the voltage of this capacitor, or the current of this inductor, is the
-        transducer's state, in which it begins.
+        Whether this capacitor's voltage or this inductor's current is the transducer's state, and
+        has its initial value.
     """
 
     kind: str
@@ -84,19 +83,17 @@ class Network(NamedTuple):
     Attributes
     ----------
     terminal
-        Node on which the load hangs.
+        Node to which the load is connected.
     elements : tuple of Component
     power_unit
         Scaled power per watt.
-    reference_capacitance : F, of which stray capacitances of a load are a small share.
-    state_voltage, state_current
-        Node whose voltage, or name of the ammeter whose current, is the
-        state; both empty where there is none.
+    reference_capacitance : F, large compared with stray capacitances of a load. state_voltage,
+    state_current
+        Node whose voltage, or name of the ammeter whose current, is the state; both empty without a
+        state.
     state_unit
-        Volts or amperes of one scaled state.
-    current_per_ampere
-        Value of `current` in the equations at one ampere into the load; 0 if
-        nothing asks for it, else the load's ammeter is there for every load.
+        Volts or amperes of one scaled state. current_per_ampere Value of `current` in the equations
+        at one ampere into the load; 0 if it is not used, else every load has the ammeter.
     """
 
     terminal: str
@@ -121,7 +118,7 @@ class Network(NamedTuple):
 
     @property
     def drives_current(self) -> bool:
-        """Whether the load's current is an inductance's, so that it cannot change at once."""
+        """Whether an inductance carries the load's current, so that it cannot jump."""
         return self.state_current == LOAD_AMMETER
 
     def value(self, name: str) -> float:
@@ -130,7 +127,7 @@ class Network(NamedTuple):
 
 
 class TransducerTable(Table):
-    """Base of the tables: classes by `harvester.device.keys.table`, with a field for each key.
+    """Base of the tables: classes decorated by `harvester.device.keys.table`, with a field per key.
 
     Attributes
     ----------
@@ -141,7 +138,7 @@ class TransducerTable(Table):
     takes_voltage: ClassVar[bool] = False
 
     def voltage_unit(self, setting: Setting) -> float:
-        """Volts of one scaled volt, in which `voltage` of the equations counts."""
+        """Volts per scaled unit of `voltage` in the equations."""
         raise NotImplementedError
 
     def state_unit(self, setting: Setting) -> float:
@@ -151,17 +148,17 @@ class TransducerTable(Table):
     def equations(self, setting: Setting) -> Any:
         """The transducer with its load, scaled; see `harvester.device.linear_transducer`.
 
-        Raises LoadError if the load does not go with it.
+        Raises LoadError if the load is incompatible.
         """
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
         """The elements of the transducer up to its terminal.
 
-        `equations`: returned by the method of this name; `rate` is in rad/s.
+        `equations`: the return value of the method `equations`; `rate` is in rad/s.
         """
         raise NotImplementedError
 
     def matched_resistance(self, rate: float) -> float:
-        """A resistance that takes power well at an angular frequency (Ω), to compare loads with."""
+        """A nearly optimal load resistance (Ω) at an angular frequency, to compare loads with."""
         raise NotImplementedError

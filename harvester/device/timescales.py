@@ -1,6 +1,6 @@
 """Rest positions and time scales of a device: wells, frequencies, relaxation, contacts.
 
-Functions of a `System`, in its scaled units; each answer is kept, a system being immutable.
+Functions of a `System`, in its scaled units; results are cached, since a system is immutable.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 # The density of the energy falls as exp(−H/E[X'²]), so that the energy is higher for under 1 % of
 # the time.
 RESOLVED_ENERGY = 5.0
-# Points among which equilibria are searched, and nodes of the describing function: it is
-# exact up to the seventh power.
+# Points of the search for equilibria, and nodes of the describing function, which is exact up to
+# the seventh power.
 SEARCH_POINTS, HARMONIC_NODES = 4001, 16
 
 cached = functools.lru_cache(maxsize=256)
@@ -33,10 +33,10 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     """Displacements without a force, ascending, and whether each is stable.
 
     Spring and contacts together, without charge or current in the transducer. Stable and unstable
-    ones alternate where the potential is bounded.
+    equilibria alternate if the potential is bounded from below.
     """
     reach = _reach(system)
-    # Where no contact acts, the spring's roots are exact to the last digit.
+    # Without contact, the spring's roots are exact to the last digit.
     free = free_zone(system)
     exact = [float(x) for x in system.spring.roots() if free[0] <= x <= free[1]]
     points = np.unique(np.concatenate([np.linspace(-reach, reach, SEARCH_POINTS), _finite(free)]))
@@ -57,7 +57,7 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
 
 @cached
 def wells(system: System) -> tuple[float, ...]:
-    """Stable rest positions, from the right to the left: tuple of float."""
+    """Stable rest positions, from right to left: tuple of float."""
     well = _double_well(system)
     if well is not None:
         return (well, -well) if well > 0.0 else (0.0,)
@@ -66,7 +66,7 @@ def wells(system: System) -> tuple[float, ...]:
 
 @cached
 def saddles(system: System) -> tuple[float, ...]:
-    """Unstable equilibria that part the wells, from the right to the left: tuple of float."""
+    """Unstable equilibria between the wells, from right to left: tuple of float."""
     well = _double_well(system)
     if well is not None:
         return (0.0,) if well > 0.0 else ()
@@ -84,9 +84,9 @@ def rest(system: System) -> float:
 
 
 def _double_well(system):
-    """The well at X ≥ 0 of a linear and cubic spring between equal stoppers; None for others.
+    """The well at X ≥ 0 of a linear-cubic spring between equal stoppers; None for other devices.
 
-    Its closed form is √(ω0²/κ); with a gap before it, the mass is pressed against the stopper.
+    It lies at √(ω0²/κ), or if the gap is smaller, where the mass is pressed against the stopper.
     """
     stiffnesses = system.spring.odd_cubic
     if stiffnesses is None or not system.symmetric:
@@ -109,7 +109,7 @@ def _pressed(system, gap):
 
 
 def _balance(system, left, right):
-    """The displacement without a force between two at which it has different signs."""
+    """The root of the elastic force between two displacements at which it has different signs."""
     from scipy.optimize import brentq
 
     def force(x):
@@ -119,7 +119,7 @@ def _balance(system, left, right):
 
 
 def free_zone(system: System) -> tuple[float, float]:
-    """(low, high) between which no contact acts."""
+    """(low, high) between which no contact is active."""
     edges = contacts.edges(system.contacts)
     low = max(edge for edge in edges if edge <= 0.0)
     return low, min(edge for edge in edges if edge > 0.0)
@@ -142,7 +142,7 @@ def _reach(system):
 
 
 def _polished(system, x):
-    """A root of the spring's force by two more steps of Newton, where no contact acts."""
+    """A root of the spring's force refined by two Newton steps, if no contact is active there."""
     low, high = free_zone(system)
     if low < x < high:
         for _ in range(2):
@@ -154,7 +154,7 @@ def _polished(system, x):
 
 @cached
 def stiffness(system: System, x: float) -> float:
-    """U''(x) of spring and contacts (1/s²); of a contact on the side into which it is pressed."""
+    """U''(x) of the spring and the compressed contacts (1/s²)."""
     total = float(system.spring.slope(x))
     for contact in system.contacts:
         s = math.copysign(1.0, x) if contact.side == 0.0 else contact.side
@@ -167,7 +167,7 @@ def stiffness(system: System, x: float) -> float:
 def well_frequency(system: System, well: float) -> float:
     """The angular frequency (rad/s) of small oscillations about a well, with the transducer open.
 
-    A vanishing one is replaced by the noise's own rate.
+    If it is zero, the characteristic rate of the noise is returned.
     """
     mechanical = stiffness(system, well)
     total = mechanical + system.transducer.stiffness(mechanical)
@@ -181,12 +181,12 @@ def angular_frequency(system: System) -> float:
 
 
 def loss_rate(system: System, frequency: float) -> float:
-    """c + N1 of Eq. 12: the rate at which damper and transducer take energy (1/s)."""
+    """c + N1 of Eq. 12: the rate at which damper and transducer dissipate energy (1/s)."""
     return system.damper.damping + system.transducer.loss_rate(frequency)
 
 
 def relaxation_time(system: System) -> float:
-    """Time in which damper and load take the energy of small oscillations (s).
+    """Relaxation time of the energy of small oscillations by damper and load (s).
 
     1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
     """
@@ -234,15 +234,13 @@ def contact_time(system: System) -> float:
 
 @cached
 def fastest_angular_frequency(system: System) -> float:
-    """The angular frequency (rad/s) of the fastest motion: small oscillations, or the greatest.
+    """The angular frequency (rad/s) of the fastest motion: small or large oscillations.
 
-    The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
-    its stiffness follows from harmonic balance. The contacts add to the contact's
-    step.
+    Large oscillations have the energy `RESOLVED_ENERGY` E[X'²] at their own frequency ω; their
+    stiffness follows from harmonic balance. Contacts are resolved by the contact's step.
     """
     frequency = slowest = angular_frequency(system)
-    # The higher the frequency, the less noise there is at it: the iteration halves its steps to
-    # converge.
+    # The noise decreases with frequency: the iteration averages successive values to converge.
     for _ in range(60):
         square = _driven_stiffness(system, frequency)
         frequency = math.sqrt(0.5 * (frequency**2 + max(square, slowest**2)))
@@ -277,7 +275,7 @@ def _turning_points(system, energy):
 
 
 def barrier(system: System, well: float) -> float:
-    """Energy per mass from a well to its lower adjacent saddle; inf without any."""
+    """Energy per mass from a well to its lower adjacent saddle; inf without a saddle."""
     bottom = float(potential(system, well))
     above = [float(potential(system, x)) - bottom for x in beside(system, well)]
     return min(above, default=math.inf)
@@ -289,6 +287,6 @@ def beside(system: System, well: float) -> tuple[float, ...]:
 
 
 def _neighbours(system, well, saddle):
-    """Whether a well and a saddle are neighbours: no other well lies between them."""
+    """Whether a well and a saddle are adjacent: no other well lies between them."""
     low, high = min(well, saddle), max(well, saddle)
     return not any(low < x < high for x in wells(system) if x != well)

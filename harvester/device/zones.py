@@ -1,4 +1,4 @@
-"""Exit of a step from its contact zone, by the cubic through the step's two ends."""
+"""Detects where a step leaves its contact zone, by the cubic through the step's two ends."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from harvester.base.compilation import compiled
 
 @compiled
 def _hermite(x, v, x1, v1, h, u):
-    """Displacement and its slope in u at the share u of a step: the cubic through both ends."""
+    """Displacement and its derivative at the share u of a step, by the cubic through both ends."""
     rise = x1 - x
     a = h * v - rise
     b = rise - h * v1
@@ -19,7 +19,7 @@ def _hermite(x, v, x1, v1, h, u):
 
 @compiled
 def overshoots(low: float, high: float, x: float, v: float, x1: float, v1: float, h: float) -> bool:
-    """Whether a step that starts and ends within a zone has left it on its way."""
+    """Whether a step that starts and ends within a zone leaves it in between."""
     turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
     return turn > high or turn < low
 
@@ -28,10 +28,10 @@ def overshoots(low: float, high: float, x: float, v: float, x1: float, v1: float
 def crossing(
     edge: float, direction: int, x: float, v: float, x1: float, v1: float, h: float
 ) -> float:
-    """Time into the step at which x passes the edge in the direction ±1 first.
+    """Time from the step's beginning at which x first passes the edge in the direction ±1.
 
-    Newton's method on the cubic, safeguarded by bisection. A mass that begins on the edge and moves
-    away from it passes on its way back.
+    Newton's method on the cubic, safeguarded by bisection. A mass that starts on the edge and moves
+    away passes it on its way back.
     """
     low, high = 0.0, 1.0
     inside = direction * (x1 - edge) <= 0.0

@@ -1,8 +1,8 @@
-"""Writes an answer as bytes and reads it back, without pickle and with all sizes checked.
+"""Serialization of an answer, the result of a task, without pickle and with all sizes checked.
 
 An answer's file is a zip of plain arrays (.npz): a tree in JSON, the arrays that it names, and a
-digest of all content. The digest finds damage and edits; it is no signature: who may write the
-folder may forge one.
+digest of all content. The digest finds damage and edits; it is no signature: anyone who may write
+to the folder can forge it.
 """
 
 import dataclasses
@@ -25,10 +25,10 @@ from harvester.statistics.moments import Moments
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.strain_moments import StrainMoments
 
-# Largest size of a stored answer, packed or unpacked, in bytes. Usual ones have some hundred
+# Largest size of a stored answer, packed or unpacked, in bytes. Typical answers have some hundred
 # kilobytes.
 MOST_BYTES = 32_000_000
-# Failures that follow from scene and method alone, and are stored. All others may not happen again.
+# Errors that depend on scene and method alone; these are stored. Others may not recur.
 LASTING = {
     kind.__name__: kind
     for kind in (
@@ -42,7 +42,7 @@ LASTING = {
         errors.SpringRangeLeft,
     )
 }
-# Reasons that ngspice gives which depend on the machine and the moment.
+# Error texts of ngspice that depend on the state of the machine, not on the scene.
 PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", re.IGNORECASE)
 TREE, DIGEST = "tree", "digest"
 # Dataclasses that a stored answer may hold, by name.
@@ -57,7 +57,7 @@ class NotAnAnswer(Exception):
 
 
 def register(kind: type) -> type:
-    """Let answers hold instances of a dataclass; also as its decorator."""
+    """Allow answers to hold instances of a dataclass; usable as a decorator."""
     _KNOWN[kind.__name__] = kind
     return kind
 
@@ -70,7 +70,7 @@ def is_lasting(name: str, text: str) -> bool:
 def packed(key: str, answer: object) -> bytes:
     """The bytes of an answer's file.
 
-    Raises TypeError if it holds something that cannot be kept, NotAnAnswer if it is too large to
+    Raises TypeError if a value's type cannot be stored, NotAnAnswer if the answer is too large to
     be read back.
     """
     arrays: dict[str, Any] = {}
@@ -85,7 +85,7 @@ def packed(key: str, answer: object) -> bytes:
 
 
 def unpacked(content: bytes, key: str) -> object:
-    """The answer of a file's bytes; raises NotAnAnswer."""
+    """Decode the bytes of an answer's file; raises NotAnAnswer."""
     try:
         arrays = _arrays(content)
         digest = str(arrays.pop(DIGEST))
@@ -138,7 +138,7 @@ def digest_of(arrays: dict) -> str:
 
 
 def _encoded(value, arrays):
-    """A value as JSON: plain ones as themselves, all others as a list that begins with a word."""
+    """A value as JSON: plain ones unchanged, all others as a list that begins with their kind."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
@@ -187,14 +187,14 @@ def _decoded(tree, arrays):
 
 def _error(name, text):
     if not is_lasting(name, text):
-        raise NotAnAnswer("is an outcome of its machine or of a limit, which is not kept")
+        raise NotAnAnswer("is an error of the machine or of a limit, which is never stored")
     if not text.isprintable():
         raise NotAnAnswer("holds text that cannot be printed")
     return LASTING[name](text)
 
 
 def _arrays(content):
-    """The arrays of a zip by name: numbers and text, no larger than they say and may be."""
+    """The arrays of a zip by name: numbers and text, of the declared size and within the limit."""
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as file:
         members = file.infolist()
@@ -202,7 +202,7 @@ def _arrays(content):
         if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError("too large")
         if any(member.compress_type not in plain for member in members):
-            raise ValueError("packed in another way")
+            raise ValueError("compressed in another way")
         for member in members:
             arrays[member.filename.removesuffix(".npy")] = _array(file.read(member))
     return arrays

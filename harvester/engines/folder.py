@@ -18,9 +18,9 @@ _HANDLES: set[int] = set()
 
 
 class StudyFolder(os.PathLike):
-    """A folder that one run at a time holds; `notes` are for the user.
+    """A folder that one run at a time locks; `notes` are for the user.
 
-    The lock is the system's, on an open file: it ends with the process, however that ends.
+    The operating system locks an open file: the lock ends with the process, even if it is killed.
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -53,7 +53,7 @@ class StudyFolder(os.PathLike):
             _clean(self._path)
 
     def close(self) -> None:
-        """Let the next run in; a folder that was made for this one and kept nothing goes."""
+        """Release the lock; remove the folder if this run made it and it is empty."""
         handle, self._handle = self._handle, None
         if handle is not None:
             if self._made:
@@ -64,7 +64,7 @@ class StudyFolder(os.PathLike):
 
 @contextlib.contextmanager
 def held(folder: str | os.PathLike) -> Iterator[StudyFolder]:
-    """A `StudyFolder` held within the block, or for longer where one is handed in."""
+    """A `StudyFolder` locked within the block; a given `StudyFolder` stays locked afterwards."""
     if isinstance(folder, StudyFolder):
         folder.hold()
         yield folder
@@ -81,7 +81,7 @@ def _check(folder):
         try:
             os.makedirs(path, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be made: {error.strerror}") from None
+            raise OutputError(f"{path}: cannot be created: {error.strerror}") from None
         check_writable(path / "file")
 
 
@@ -106,11 +106,11 @@ def _lock(handle, folder):
         text = os.pread(handle, 100, 0).decode(errors="replace").strip()
         holder = text if _HOLDER.fullmatch(text) else "another process"
         raise FolderInUse(
-            f"{folder}: another run is at work in this folder ({holder}); wait for its end, or "
+            f"{folder}: another run uses this folder ({holder}); wait until it ends, or "
             "choose another --output"
         ) from None
     except (ImportError, OSError):
-        return [f"{folder}: this file system cannot lock: see that no other run writes there"]
+        return [f"{folder}: this file system cannot lock files: let no other run write there"]
     if os.fstat(handle).st_nlink == 0:
         raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
     # A file with a second name (hard link) may belong to another user.
@@ -122,7 +122,7 @@ def _lock(handle, folder):
 
 
 def _take_away(folder):
-    """Remove a folder that holds nothing but the files of `hold`."""
+    """Remove a folder that contains only the files of `hold`."""
     with contextlib.suppress(OSError):
         if sorted(os.listdir(folder)) == [LOCK, "points"]:
             os.rmdir(folder / "points")
@@ -131,7 +131,7 @@ def _take_away(folder):
 
 
 def _clean(folder):
-    """Remove temporary files of killed runs; files of other names stay."""
+    """Remove temporary files of killed runs; keep files with other names."""
     for path in (folder, folder / "points"):
         with os.scandir(path) as entries:
             names = [

@@ -1,4 +1,4 @@
-"""Starts of one driven device, followed for some periods of its excitation."""
+"""Integrates many initial states of one driven device over some periods of its excitation."""
 
 from __future__ import annotations
 
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
 # Seconds between two reports of a task.
 REPORT_SECONDS = 0.25
 # The excitation's knots are this many times finer than the scene's: between knots the sine is
-# replaced by a straight line, whose error decides which well a start next to a fractal border
-# reaches. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % came to the well that scipy
-# found, with 1, 2, 4 and 8 times the knots; four take 1.4 times as long as one.
+# replaced by a straight line, whose error decides which well is reached from a start near a fractal
+# basin boundary. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % reached the same well
+# as in scipy with 1, 2, 4 and 8 times the knots; four times the knots take 1.4 times as long.
 FINER_KNOTS = 4
 # Number of starts in one task: for a resistive load, for a netlist, and for the engine "circuit".
 TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
-# Number of pairs that give a Lyapunov exponent, and their first distance as a share of the motion's
-# size: a netlist's step control leaves larger errors, so its pairs begin farther apart.
+# Number of pairs for a Lyapunov exponent, and their initial distance as a share of the motion's
+# size: a netlist's step control has larger errors, so its pairs begin farther apart.
 PAIRS, NEIGHBOURS, NEIGHBOURS_NETLIST = 16, 1e-8, 1e-5
 # Forcing periods for which the pairs are followed.
 PARTING_PERIODS = 150
 
 
 class Replayed(ExcitationPath):
-    """A path that was read once, for all starts; `spacing` of its samples in s."""
+    """The same excitation path for all starts; `spacing` of its samples in s."""
 
     def __init__(self, samples: np.ndarray, spacing: float) -> None:
         self.spacing = spacing
         self._samples, self._next = samples, 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next samples; beyond the last one it repeats that."""
+        """The next samples; beyond the end the last sample is repeated."""
         places = np.arange(self._next, self._next + count)
         self._next += count
         return self._samples[np.minimum(places, self._samples.size - 1)]
 
 
 def forced(scene: Scene, command: str) -> Prepared:
-    """The prepared scene with knots that divide its period, and no start of its own.
+    """The prepared scene with knots that divide its period, and without given starts.
 
     Raises
     ------
     HarvesterError
-        The excitation has no period, or chance in it.
+        The excitation is not periodic or not deterministic.
     """
     excitation: Any = scene.excitation
     if excitation.period is None or excitation.random:
@@ -72,7 +72,7 @@ def forced(scene: Scene, command: str) -> Prepared:
     if excitation.prescribes_displacement:
         raise HarvesterError(
             f'{scene.name}: excitation.kind = "{excitation.kind}": a prescribed motion has no '
-            f'start to forget: {command} needs excitation.kind = "sine"'
+            f'initial transient: {command} needs excitation.kind = "sine"'
         )
     prepared_scene = prepared(scene)
     spacing = knot_spacing(_lasting(prepared_scene, excitation.period))
@@ -111,8 +111,8 @@ def follow(
     Returns
     -------
     ndarray, shape (starts, kept + 1, columns)
-        Columns as in `harvester.statistics.stroboscope`; infinite where a start leaves the
-        range of the spring, −infinite where it diverges.
+        Columns as in `harvester.statistics.stroboscope`; inf if a start leaves the range of the
+        spring, −inf if it diverges.
     """
     period = float(prepared_scene.scene.excitation.period)  # type: ignore[arg-type]
     prepared_scene = _lasting(prepared_scene, periods * period)
@@ -122,7 +122,7 @@ def follow(
     chosen.prepare(prepared_scene)
 
     def sampled(some, number):
-        """The samples of some starts; infinite where one leaves the range or diverges."""
+        """The samples of some starts; infinite for one that leaves the range or diverges."""
         watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
         observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
@@ -137,7 +137,7 @@ def follow(
                 raise
             if len(some) == 1:
                 return [np.full_like(watching[0].samples, np.inf if leaves else -np.inf)]
-            # Starts run side by side end together: the halves show which start ended them.
+            # One failing start ends all that run with it: bisection finds the failing start.
             half = len(some) // 2
             return sampled(some[:half], number) + sampled(some[half:], number)
         return [strobe.samples for strobe in watching]
@@ -159,7 +159,7 @@ class _Reached:
         self._next = 0.0
 
     def add(self, record: Record) -> None:
-        """Report how far the record has come, if the last report is old enough."""
+        """Report the progress of the record, if the last report is old enough."""
         now = time.monotonic()
         if now >= self._next and record.time.size:
             self._report((self._part + float(record.time[-1]) / self._seconds) / self._parts)
@@ -176,7 +176,7 @@ def _together(scene: Scene, engine: str) -> int:
 def calls_of(
     scene: Scene, engine: Engine, starts: np.ndarray, periods: int, kept: int
 ) -> list[dict[str, Any]]:
-    """Arguments of `follow` but for the scene, as many starts in each as one call takes."""
+    """Arguments of `follow` except the scene, one dictionary per call."""
     size = _together(scene, engine.name)
     arguments = {**engine.as_arguments("engine"), "periods": periods, "kept": kept}
     return [
@@ -188,7 +188,7 @@ def calls_of(
 def neighbours(
     scene: Scene, samples: np.ndarray, starts: np.ndarray, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of close starts on a motion of a scene from `forced`, and its size.
+    """Pairs of neighbouring starts on a motion of a scene from `forced`, and the motion's size.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def neighbours(
     Returns
     -------
     (ndarray, ndarray), shapes (2 · PAIRS, STATE) and (STATE,)
-        The first of each pair, then the second of each.
+        The first starts of all pairs followed by the second ones; the size.
     """
     scale = sizes_of(samples[members, :, :STATE])
     # With a resistor the samples hold the whole state, so pairs begin at them; a netlist's

@@ -1,4 +1,4 @@
-"""The engines that simulate a scene: a class each, whose objects hold the settings of a run."""
+"""The engines that simulate a scene: one class per engine, one attribute per setting."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ class Engine(Method):
 
     @property
     def chooses_steps(self) -> bool:
-        """Whether the simulator chooses every step itself: their error is then not known."""
+        """Whether the simulator chooses every step itself, so that the step error is unknown."""
         return False
 
     @abstractmethod
     def check(self, scene: Scene) -> None:
-        """Refuse a scene that the engine does not take, before anything runs."""
+        """Raise if the engine does not support the scene, before anything runs."""
 
     @abstractmethod
     def simulator(self, scene: Scene) -> Any:
@@ -124,9 +124,9 @@ class Circuit(Engine):
         ngspice's own steps, for comparison.
     device : str
         behavioural elements, one compiled device for mechanics and piezo (the extra `fast`), or
-        automatic, compiled where it is found. The same numbers to 1e-9.
+        automatic: compiled if it is installed. Results agree to 1e-9.
     copies : int or None
-        Realizations side by side in one netlist, which share their steps; None: as many as pay.
+        Realizations in parallel in one netlist, with the same time steps; None: the fastest number.
     tolerance : float or None
         Relative tolerance of ngspice's control by the local error, which shortens steps below
         `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
@@ -166,7 +166,7 @@ class Circuit(Engine):
         return self.source == "pwl"
 
     def check(self, scene: Scene) -> None:
-        """Refuse copies that cannot share a netlist; loads are refused where they are read."""
+        """Raise if copies cannot share a netlist; loads are checked when they are read."""
         if (self.copies or 1) > 1 and not (scene.load.is_resistor and self.source == "external"):
             raise _no_copies(self.copies)
 
@@ -179,7 +179,7 @@ class Circuit(Engine):
 
 @dataclass(frozen=True)
 class MonteCarlo(Engine):
-    """The equations themselves, integrated without ngspice.
+    """Direct integration of the equations, without ngspice.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ class MonteCarlo(Engine):
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
 
     def check(self, scene: Scene) -> None:
-        """Raise for scenes without Monte Carlo: a prescribed motion, some elements of a load."""
+        """Raise for what Monte Carlo does not support: prescribed motion, some load elements."""
         from harvester.scene.prepared import prepared
         from harvester.scene.units import require_mass
 
@@ -204,7 +204,7 @@ class MonteCarlo(Engine):
             collect(prepared(scene))
 
     def simulator(self, scene: Scene) -> Any:
-        """The loop for a resistor as load, or the one for a netlist."""
+        """The integrator for a resistor as load, or the one for a netlist."""
         if scene.load.is_resistor:
             from harvester.engines.monte_carlo import engine as resistor
 
@@ -223,7 +223,7 @@ DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 
 
 def engine_of(method: str | Method, **options: Any) -> Engine:
-    """The engine that a call asks for, by its name and options or as an object.
+    """The engine of a call, given by name and options or as an object.
 
     Raises HarvesterError for an unknown name, a closure, or an unknown option.
     """
@@ -244,7 +244,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
 
 def method_of(method: str | Method, **options: Any) -> Method:
-    """The engine or the closure that a call asks for; see `engine_of`."""
+    """The engine or the closure of a call; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
     from harvester.averaging.closures import CLOSURES
@@ -271,7 +271,7 @@ def check_step(step: str | float) -> str | float:
 
 
 def _check_options(options: Mapping[str, Any]) -> None:
-    """Refuse values that no engine accepts; `Circuit` has the options of all."""
+    """Raise for values that no engine accepts; `Circuit` has the options of all engines."""
     stated = {name: options.get(name) for name in ("step", "source", "device", "copies")}
     Circuit().with_options(stated)
 

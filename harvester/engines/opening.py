@@ -1,4 +1,4 @@
-"""Opens a runner: with its folder, its processes and its limits."""
+"""Opens a runner with its folder, processes and limits."""
 
 from __future__ import annotations
 
@@ -38,30 +38,29 @@ def open_runner(
     Parameters
     ----------
     output : str or Path or StudyFolder or None
-        Folder whose `points/` keeps every answer, and is read first; no other run may use it
-        meanwhile. None: answers are kept in memory.
+        Folder that stores every answer in `points/`; stored answers are reused. It is locked for
+        other runs. None: answers are kept in memory.
     workers : int or None
-        Processes of our own; None: one per core.
+        Number of worker processes; None: one per core.
     executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
-        Executor used instead of own workers; the numbers are the same.
+        Executor used instead of worker processes; results are the same.
     scheduler : str or None
-        Address of a Dask scheduler, instead of them.
+        Address of a Dask scheduler, used instead of worker processes.
     time_budget : float or None
-        Wall-clock seconds after which no task starts; running tasks are ended once they are
-        exceeded by a twentieth.
+        Wall-clock seconds after which no task starts; tasks still running 5 % later are terminated.
     time_limit : float
         Wall-clock seconds of one realization.
     progress : callable or False or None
-        Called with the finished share, 0 … 1, and a few words.
+        Called with the finished share, 0 … 1, and a short description.
     runner : Runner or None
-        A runner that is open already; all other options must then be left out.
+        An open runner; all other options must then be omitted.
 
     Raises
     ------
     HarvesterError
-        A number out of range, no such scheduler.
+        A number is out of range, or the scheduler does not exist.
     FolderInUse
-        Another run is at work in the folder.
+        Another run uses the folder.
     """
     check_processes({"executor": executor, "runner": runner})
     if runner is not None:

@@ -1,7 +1,7 @@
-"""The steady motions of a deterministic device, from the several starts of one run.
+"""The steady motions (attractors) of a deterministic device, from all starts of one run.
 
-`attractors` reports all of them, for `simulate`. A study prints one number a point: `followed`
-takes the quantities of one orbit from the same groups of starts, and names the others.
+`attractors` reports all of them, for `simulate`. A study prints one number per point: `followed`
+returns the quantities of one orbit, and notes on the others.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Largest number of motions without a period whose exponent is computed: a motion that still settles
-# may make one of each start.
+# Largest number of motions without a period whose exponent is computed: a motion that has not
+# settled may appear as one per start.
 MOST_EXPONENTS = 4
-# A start is in the means of its motion if its first cycle is off its last by at most this share.
+# A start counts in its motion's means if its first and last cycle differ by at most this share.
 SETTLED = 1e-5
 # Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
-# of fewer, starts are on one motion if they meet.
+# with fewer, starts share a motion if their states coincide.
 SAMPLES, FEWEST_SAMPLES = 64, 6
 # Orbits whose powers differ by less than this share are reported as one, such as mirror images.
 SAME_POWER = 1e-3
@@ -72,7 +72,7 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
 
-    The last entries are the kinds of the other starts.
+    The last entries count starts without a motion: unsettled, escaped.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def attractors(
     moments = [realization.moments for realization in realizations.values()]
     samples = np.array([realization.stroboscope for realization in realizations.values()])
     starts = np.array([start_state(prepared_scene, number) for number in realizations])
-    # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
+    # Neighbours cost as much as about fifty starts: only runs with run.starts compute them.
     left = MOST_EXPONENTS if prepared_scene.scene.run.starts else 0
 
     def exponent(states, members):
@@ -151,9 +151,9 @@ class Followed(NamedTuple):
     Attributes
     ----------
     prepared_scene
-        The scene of the realizations that are left.
+        The scene of the remaining realizations.
     moments
-        Moments of the starts on the followed orbit; under noise of all.
+        Moments of the starts on the followed orbit; under noise of all starts.
     orbits
         All orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
@@ -166,7 +166,7 @@ class Followed(NamedTuple):
 
 
 def with_orbit(scene: Scene) -> Scene:
-    """The scene with the orbit that a study follows: from rest, where it names none."""
+    """The scene with `run.orbit`, the orbit that a study follows: by default the one from rest."""
     if scene.excitation.random or scene.run.orbit:
         return scene
     return replace(scene, run=replace(scene.run, orbit="rest"))
@@ -175,8 +175,8 @@ def with_orbit(scene: Scene) -> Scene:
 def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Followed:
     """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 
-    `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the share of a
-    mean power that the steps may cost.
+    `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the largest
+    relative step error of a mean power.
     """
     prepared_scene = replace(prepared_scene, scene=with_orbit(prepared_scene.scene))
     orbit = prepared_scene.scene.run.orbit
@@ -201,7 +201,7 @@ def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Fol
 
 
 def note_on_repeats(prepared_scene: Prepared) -> tuple[str, ...]:
-    """A note that realizations which would repeat another one are not run; empty under noise."""
+    """A note that realizations with identical results are run only once; empty under noise."""
     count, asked = distinct_realizations(prepared_scene), prepared_scene.scene.run.realizations
     if count == asked:
         return ()
@@ -214,7 +214,7 @@ def note_on_repeats(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def note_on_one_start(prepared_scene: Prepared) -> tuple[str, ...]:
-    """A note that other starts may reach other motions; empty under noise or if it is linear."""
+    """A note that other starts may reach other motions; empty for noise or a linear device."""
     scene, system = prepared_scene.scene, prepared_scene.system
     linear = system.spring.straight and not system.contacts and scene.load.is_resistor
     if scene.excitation.random or scene.excitation.prescribes_displacement or linear:
@@ -226,7 +226,7 @@ def note_on_one_start(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
-    """Which orbit the quantities are of, and the power and share of the others."""
+    """A note: the orbit of the quantities, and the power and share of the others."""
     sentences = [orbit.sentence(unit_of(scene, "power")) for orbit in orbits]
     if scene.run.orbit == "weighted":
         return f"means over all starts: {', '.join(sentences)}"
@@ -248,7 +248,7 @@ def _power(motion):
 
 
 def _on_cycle(prepared_scene, samples, cost):
-    """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
+    """Estimates over whole cycles of a converged start, from its stroboscopic samples."""
     estimates = {}
     period = prepared_scene.scene.excitation.period
     memory, shunt = memory_of(prepared_scene), susceptance(prepared_scene)
@@ -270,12 +270,12 @@ def _settled(samples, period):
 
 
 def _alone(prepared_scene, count):
-    """The scene of a run of some starts alone."""
+    """The scene of a run with this number of starts."""
     return prepared_scene.with_run(realizations=count, starts=None)
 
 
 def _exponent(scene, engine, samples, starts, members, pool, time_limit):
-    """The largest Lyapunov exponent of one motion; None where a neighbour could not be followed."""
+    """The largest Lyapunov exponent of one motion; None if a neighbour could not be followed."""
     finer = forced(scene, "a Lyapunov exponent")
     begin, scale = neighbours(finer.scene, samples, starts, members)
     calls = calls_of(finer.scene, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)

@@ -30,8 +30,7 @@ from harvester.statistics.settling import slow_exchange
 from harvester.statistics.units import unit_of
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
-# A result whose energy balance residual exceeds the first is an error; above the second it has a
-# note.
+# An energy balance residual above the first is an error, one above the second a note.
 LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
 # A note is given if noise between its samples would raise the power by this share.
@@ -64,7 +63,7 @@ def result_of(
     if estimates.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if estimates.shortfalls or slow_exchange(scene, estimates.balance):
-        # Samples of the joint density have no weights, so that their shares of the wells follow the
+        # The joint density's samples are not weighted: the shares of the wells depend on the
         # starts.
         joint = joint and replace(joint, standard_error=None)
     failure_notes: tuple[str, ...] = ()
@@ -113,12 +112,12 @@ def result_of(
 
 
 def _density_notes(found, shapes):
-    """A note where error bars are left out that no shortfall explains."""
+    """A note on densities without error bars, unless another note already gives the reason."""
     bare = [name for name, shape in shapes.items() if shape.standard_error is None]
     if found.balance is None or found.shortfalls or not bare:
         return ()
     return (
-        f"the density of {', '.join(bare)} has no error bar: parts of it rest on fewer than "
+        f"the density of {', '.join(bare)} has no error bar: parts of it depend on fewer than "
         f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
     )
 
@@ -131,19 +130,19 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
 def partial_result(
     prepared_scene: Prepared, engine: Engine, error: SimulationError
 ) -> Result | None:
-    """A result of the failed realizations' moments, or None when they had none."""
+    """A result from the failed realizations' moments, or None if there are none."""
     reached = [Realization(m) for m in error.partial or () if measured_time([m]) > 0.0]
     return result_of(prepared_scene, engine, reached, {}, type(error).__name__) if reached else None
 
 
 def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
-    """Notes for the result on the excitation that a scene was run with."""
+    """Notes on the excitation of a result."""
     scene = prepared_scene.scene
     frequency = timescales.angular_frequency(prepared_scene.system)
     spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
-    # Noise without a highest frequency moves the base by this much more than its linear
-    # interpolation.
+    # By this share noise without an upper frequency limit moves the base more than its linear
+    # interpolation does.
     banded = isinstance(scene.excitation, Spectrum)
     missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
@@ -156,7 +155,7 @@ def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def _notes_on_starts(prepared_scene, motions):
-    """Notes on how many different motions a deterministic run's starts reach."""
+    """Notes on the number of motions that a deterministic run's starts reach."""
     scene = prepared_scene.scene
     if scene.excitation.random:
         return ()
@@ -185,9 +184,9 @@ def _notes_on_starts(prepared_scene, motions):
 
 
 def checked(result: Result) -> Result:
-    """The result, with a note where its energy balance does not quite close.
+    """The result, with a note if its energy balance residual is noticeable.
 
-    Raises EnergyNotBalanced if it is off by more than `LARGEST_RESIDUAL`.
+    Raises EnergyNotBalanced if the residual exceeds `LARGEST_RESIDUAL`.
     """
     balance = result.energy_balance_residual
     residual = abs(math.nan if balance is None else balance)

@@ -5,15 +5,15 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
 
-# Largest share of a spent time budget that is reported: tasks that run at its end are awaited.
+# Largest progress reported by the time budget: at its end running tasks still have to finish.
 MOST_OF_BUDGET = 0.99
 
 
 class Stages:
     """The progress of a study in stages, each of one list of tasks.
 
-    `report` is given the share done of all stages, 0 … 1 and never falling, and the words of the
-    present one.
+    `report` is called with the finished share of all stages, 0 … 1 and never falling, and the
+    description of the present stage.
     """
 
     def __init__(self, report: Callable[[float, str], object]):
@@ -21,12 +21,12 @@ class Stages:
         self._low, self._high, self._words, self.share = 0.0, 1.0, "", 0.0
 
     def begin(self, low: float, high: float, words: str) -> None:
-        """Begin a stage in which the share done goes from `low` to `high`."""
+        """Begin a stage in which the finished share rises from `low` to `high`."""
         self._low, self._high, self._words = low, high, words
         self(0.0)
 
     def __call__(self, share: float, words: str = "") -> None:
-        """The share done of the present stage."""
+        """Report the finished share of the present stage."""
         self.share = max(self.share, self._low + share * (self._high - self._low))
         self._report(self.share, self._words or words)
 
@@ -34,8 +34,8 @@ class Stages:
 class Progress:
     """Sum of finished and remaining work, in seconds of one core.
 
-    `report` is called with the finished share of one list of tasks, 0 … 1, never falling, and a few
-    words. It is called with the spent share of the time budget if that is larger.
+    `report` is called with the finished share of one list of tasks, 0 … 1, never falling, and a
+    short description; with the elapsed share of the time budget if that is larger.
     """
 
     def __init__(self, report: Callable[[float, str], object]):
@@ -58,7 +58,7 @@ class Progress:
         self._plans += plans
 
     def ask(self, plan: object, label: str, ahead: float) -> None:
-        """Announce about how many more tasks a plan will ask for."""
+        """Announce the approximate number of further tasks of a plan."""
         self._ahead[plan] = label, ahead
 
     def wait(self, label: str) -> None:
@@ -85,7 +85,7 @@ class Progress:
         self.say()
 
     def say(self) -> None:
-        """Report how far the tasks are, also while none has ended yet."""
+        """Report the progress, also before any task has ended."""
         left = sum(count * self._mean(label) for label, count in self._waiting.items())
         left += sum(count * self._mean(label) for label, count in self._ahead.values())
         begun = sum(share * self._mean(label) for label, share in [*self._running.values()])
@@ -98,7 +98,7 @@ class Progress:
         self.report(max(self._share, of_budget), f"{self._ended} of {self._plans}")
 
     def _mean(self, label):
-        """Seconds that a task takes; of a label not met yet, as those that were, if any were."""
+        """Mean seconds of a task with this label; over all labels if it is new."""
         if self._count[label]:
             return self._seconds[label] / self._count[label]
         return sum(self._seconds.values()) / self._count.total() if self._count else 1.0

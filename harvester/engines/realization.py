@@ -46,9 +46,9 @@ REPORT_SECONDS = 0.25
 # this share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
 # The path of a nonlinear device under one record may be chaotic. An ensemble shows it: runs whose
-# excitation differs by these shares of the step error. With a resistor they use lanes of the
-# processor that one realization leaves idle. With a netlist each costs a run: there are fewer, and
-# none for records of more periods than this, whose batches scatter enough.
+# excitation differs by these shares of the step error. With a resistor they use vector lanes that
+# one realization leaves idle. With a netlist each perturbation costs a run: there are fewer, and
+# none for records of more periods than this, whose batches already show the scatter.
 PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
 NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
 UNKNOWN_SPREAD = (
@@ -71,13 +71,13 @@ class Realization:
     joint
         Joint histogram, if it was requested.
     seconds
-        Processor time of one core (s), for the simulation alone, whatever else the machine
-        does; of realizations run together, its share.
+        Processor time of one core (s) for the simulation alone; for realizations run together, the
+        share of this one.
     started, ended
         System time at start and end (s).
     stroboscope
-        Samples at the beginnings of the excitation's periods, as
-        `harvester.statistics.stroboscope.Stroboscope` has them; where they were asked for.
+        Samples at the beginnings of the excitation's periods, in the form of
+        `harvester.statistics.stroboscope.Stroboscope`; if requested.
     """
 
     moments: Moments
@@ -95,7 +95,7 @@ class Realization:
 class WaveformWindow(NamedTuple):
     """The part of the first realization that is kept as a waveform.
 
-    From `start` to `stop` (s from the run's beginning), at most `most` points, with `probes` for
+    From `start` to `stop` (s from the run's beginning), at most `most` points; `probes` are
     voltages and currents of the load's netlist.
     """
 
@@ -132,18 +132,18 @@ class WaveformObserver:
             self._outputs.append(np.array([series[self._inside] for series in values]))
 
     def record(self) -> Record:
-        """The stretch as one record."""
+        """The kept points as one record."""
         if not self._parts:
             return Record(*np.empty((len(Record._fields), 0)))
         return Record(*np.concatenate(self._parts, axis=1))
 
     def outputs(self) -> np.ndarray:
-        """The output's voltage and the other values of the same points; without rows if none."""
+        """The output's voltage and other values at the kept points; no rows without an output."""
         return np.concatenate(self._outputs, axis=1) if self._outputs else np.empty((0, 0))
 
 
 class _WatchedOutput:
-    """Hands a load's output on to its moments and to a waveform."""
+    """Passes a load's output to its moments and to a waveform."""
 
     def __init__(self, moments: OutputMoments, waveform: WaveformObserver) -> None:
         self._moments, self._waveform = moments, waveform
@@ -157,7 +157,7 @@ class _WatchedOutput:
         levels: Sequence[np.ndarray | None],
         energy: np.ndarray,
     ) -> None:
-        """Points with the load's measures, its levels, and then its probes."""
+        """Add points: the load's measured values, its levels, then its probes."""
         recorded = len(self._moments.rows) - len(values)
         self._moments.add(time, voltage, values, levels[:recorded], energy)
         probes = [np.zeros_like(time) if level is None else level for level in levels[recorded:]]
@@ -165,7 +165,7 @@ class _WatchedOutput:
 
 
 class Reporter:
-    """Sends the moments of all realizations so far, several times a second."""
+    """Reports the present moments of all realizations several times a second."""
 
     # A record without points is enough.
     reads_points = False
@@ -197,9 +197,9 @@ def run(
     Parameters
     ----------
     indices : sequence of int
-        Numbers of the realizations: each picks its seed and its starting well.
+        Numbers of the realizations: a number determines the seed and the starting well.
     window : (float, float) or None
-        Stretch of each one's waveform to keep (s).
+        Part of each realization's waveform to keep (s).
     report : callable
         Called with the list of moments so far.
     joint_density, stroboscope : bool
@@ -220,7 +220,7 @@ def run(
 
 
 def _converged(prepared_scene, engine, others):
-    """Realizations with the first option of the engine that converges."""
+    """Realizations with the first engine options that converge."""
     return run_converged(prepared_scene, engine, lambda aided: _run(prepared_scene, aided, *others))
 
 
@@ -299,10 +299,10 @@ def _spread(ensemble):
 
 
 def _refined(prepared_scene, engine, others):
-    """Realizations of a transient, with the change that steps half as long make to their energies.
+    """Realizations of a transient, with the change of their energies when the steps are halved.
 
-    The phase at which an event meets the motion rests on all steps before it. Default steps become
-    up to four times as short until they change less than `RESOLVED`.
+    The phase of the motion at an event depends on all earlier steps. Default steps are halved, up
+    to twice, until the energies change by less than `RESOLVED`.
     """
     spacing = knot_spacing(prepared_scene)
     count = steps_per_sample(prepared_scene, engine.step, engine.name)
@@ -314,7 +314,7 @@ def _refined(prepared_scene, engine, others):
         try:
             refined = _converged(prepared_scene, replace(engine, step=step), others)
         except SimulationError:
-            # Steps longer than those asked for may be too long.
+            # Steps longer than requested may be too long.
             if steps >= count:
                 raise
             continue
@@ -347,11 +347,11 @@ def _run(
     stroboscope,
     perturbations=(),
 ):
-    """Simulate realizations once; see `run`. With perturbations their spread is set, too."""
+    """Simulate realizations once; see `run`. With perturbations also set their spread."""
     scene = prepared_scene.scene
     paths = [noise_path(prepared_scene, index) for index in indices]
     moments = [empty_moments(prepared_scene) for _ in indices]
-    # Only a netlist has an output side and stores.
+    # Only a netlist has an output side and energy stores.
     outputs: list[Any] | None = None
     load = scene.load.circuit
     probes = stretch.probes if stretch else ()
@@ -422,7 +422,7 @@ def _run(
 
 
 def _probed(prepared_scene, probes):
-    """The prepared scene with a load that hands the nodes of these probes out as well."""
+    """The prepared scene with a load that also outputs the nodes of these probes."""
     if not probes:
         return prepared_scene
     load = prepared_scene.scene.load
@@ -445,7 +445,7 @@ def _electrical(waveform, scene, probes):
 
 
 def empty_moments(prepared_scene: Prepared) -> Moments:
-    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
+    """Empty moments with the batches of the scene's run."""
     scene, parameters = prepared_scene.scene, prepared_scene.system
     spacing = knot_spacing(prepared_scene)
     start, batches, groups = _measured(prepared_scene, spacing)
@@ -464,7 +464,7 @@ def empty_moments(prepared_scene: Prepared) -> Moments:
 def quantity_names(prepared_scene: Prepared) -> tuple[str, ...]:
     """Names of the quantities that an engine may give for a scene, without a run.
 
-    They are the names of estimates from moments that are filled with ones.
+    The names come from estimates of moments that are filled with ones.
     """
     load = prepared_scene.scene.load.circuit
     moments = empty_moments(prepared_scene)
@@ -476,14 +476,15 @@ def quantity_names(prepared_scene: Prepared) -> tuple[str, ...]:
     moments.last[0] = stop_time(prepared_scene)
     with np.errstate(all="ignore"):
         estimates = run_estimates(prepared_scene, [moments]).whole
-    # These moments may store too little energy in the device for its storage power.
+    # In these moments the device may store too little energy for an estimate of its storage power.
     return tuple(estimates | {"mean_device_storage_power": None})
 
 
 def _period(scene):
-    """Period (s) of which means cover whole numbers, shared with the load's if a run holds two.
+    """Period (s) of which means cover whole multiples, common with the load's if a run holds two.
 
-    A comparison of a source of 20 Hz under a sine of 12.5 Hz has 1 % less in 0.96 s than in 0.8 s.
+    Example: with a source of 20 Hz and a sine of 12.5 Hz the mean over 0.96 s is 1 % lower than
+    over 0.8 s.
     """
     period = scene.excitation.period
     if period is None or not scene.load.circuit:
@@ -502,5 +503,5 @@ def _measured(prepared_scene, spacing):
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
     start = stop_time(prepared_scene) - periods // batches * batches * period
-    # The point that begins the first period counts whichever way its time is rounded.
+    # The first point of the first period counts even if its time is rounded down.
     return max(start, run.settle) - 1e-9 * spacing, batches, min(groups, batches)

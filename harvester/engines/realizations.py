@@ -1,4 +1,4 @@
-"""A scene by a method, cut into tasks of a few realizations each."""
+"""Divides the simulation of a scene into tasks of a few realizations each."""
 
 import dataclasses
 import math
@@ -28,15 +28,15 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import OutputMoments
 
-# Realizations in one task if they run side by side or fast.
+# Realizations in one task if they run in parallel or fast.
 REALIZATIONS_TOGETHER = 8
-# Periods of small oscillations, and evenly spaced points, of a waveform.
+# Length of a waveform in periods of small oscillations, and its number of evenly spaced points.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
 # Attributes of stored moments, and of their jumps between wells, that follow from the scene.
 TIMES = ("start", "batch_length", "free", "saddles", "sample_interval")
 WELLS = ("start", "batch_length", "saddles", "limits", "ends", "energies")
-# From this number of realizations on each has the fewest batches. The number of realizations is
-# then no part of the tasks' names, so that a longer run continues a shorter one.
+# From this number on every realization has the minimum number of batches. The tasks' keys then do
+# not depend on the number of realizations, so that a longer run continues a shorter one.
 MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
@@ -50,7 +50,7 @@ def realizations(
     report: Callable,
     settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """A few realizations, in a worker process.
+    """Simulate a few realizations, in a worker process.
 
     Parameters
     ----------
@@ -60,9 +60,10 @@ def realizations(
     Returns
     -------
     dict
-        `moments`, a list with one of each, without histograms unless `density`; `waveform` of the
-        first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `stroboscope`, the
-        last samples of each where starts may reach several motions, or None; `seconds` of one core.
+        `moments`, a list with one entry per realization, without histograms unless `density`;
+        `waveform` of the first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None;
+        `stroboscope`, the last samples of each realization if starts may reach several motions,
+        else None; `seconds` of one core.
     """
     clock = time.process_time()
     timing = prepared_scene.scene.run
@@ -100,7 +101,7 @@ def averages(
     density: bool,
     report: Callable,
 ) -> dict[str, Any]:
-    """A scene by a closure, in a worker process.
+    """Stationary means of a scene by a closure, in a worker process.
 
     Returns `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
@@ -125,9 +126,9 @@ class Realizations:
     Attributes
     ----------
     prepared_scene
-        Its number of realizations only sets the number of batches of each.
+        Its number of realizations only sets the number of batches per realization.
     size
-        Of a task.
+        Realizations per task.
     version
         Version of the computing program, see `Runner.version`.
     density, waveform
@@ -150,7 +151,7 @@ class Realizations:
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
-        """The realizations of a scene. Several form a task if that costs less."""
+        """The realizations of a scene, several per task if that is faster."""
         scene = with_orbit(prepared_scene.scene)
         size = min(_together(prepared_scene, method), scene.run.realizations)
         batches = min(scene.run.realizations, MANY_REALIZATIONS)
@@ -158,9 +159,9 @@ class Realizations:
         return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
-        """The tasks of the realizations from `start` to before `stop`, and none from `most` on.
+        """The tasks of the realizations from `start` to before `stop`, all numbered below `most`.
 
-        `start` is a multiple of `size`; the last task may go beyond `stop`, not beyond `most`.
+        `start` is a multiple of `size`; the last task may extend beyond `stop`, not beyond `most`.
         """
         return [self._task(first, most) for first in range(start, stop, self.size)]
 
@@ -169,7 +170,7 @@ class Realizations:
         return -(-count // self.size) * self.size
 
     def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:
-        """Why a stored answer does not belong to these realizations; "" if it may."""
+        """Reason why a stored answer does not fit these realizations; "" if it does."""
         moments = found["moments"]
         if len(moments) != len(indices):
             return "has another number of realizations"
@@ -177,14 +178,14 @@ class Realizations:
         if waveform and found["waveform"].shape != shape:
             return "its waveform has another shape"
         if waveform and not np.isfinite(found["waveform"]).all():
-            return "its waveform is none"
+            return "its waveform is missing"
         if several_starts(self.prepared_scene) and len(found["stroboscope"]) != len(indices):
             return "its stroboscopic samples are of another number of realizations"
         scene = self.prepared_scene.scene
         load = scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, scene.beam, self.density) for m in moments)
-        return "" if fit else "its numbers are not those of this scene"
+        return "" if fit else "its values do not fit this scene"
 
     def _task(self, start, most):
         indices = range(start, int(min(start + self.size, most)))
@@ -208,7 +209,7 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
     """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
     for name in method.settings.keys() & {"fit", "jump_rates"}:
         raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
-    # A closure's answer does not depend on [run]: scenes that differ only there are the same.
+    # A closure does not depend on [run]: scenes that differ only there share one task.
     run = dataclasses.replace(scene.run, seed=1, realizations=1)
     arguments = {
         "scene": dataclasses.replace(scene, run=run),
@@ -222,14 +223,14 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
 def _misfit_of_averages(found):
     quantities = found["quantities"].values()
     if not all(isinstance(estimate, Estimate) for estimate in quantities):
-        return "its quantities are none"
+        return "its quantities are missing"
     for estimate in quantities:
         Scales().of(estimate.dimension)
     return ""
 
 
 def _together(prepared_scene, method):
-    """Realizations in one task: several only where they cost less so."""
+    """Realizations per task: several only if that is faster."""
     if not isinstance(method, Circuit):
         return REALIZATIONS_TOGETHER
     shared = method.step, method.source, method.tolerance
@@ -244,9 +245,9 @@ def periods_of(prepared_scene: Prepared) -> float:
 
 
 def _fits(moments, template, rows, beam, density):
-    """Whether moments have the shapes and times that the scene gives them, and finite sums.
+    """Whether moments have the shapes and times of the scene, and finite sums.
 
-    `rows` are the measures of a load with an output, None of one without.
+    `rows` are the measured values of a load with an output; None without an output.
     """
     sums = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
     if not _is_like(moments, template, TIMES, sums):
@@ -266,7 +267,7 @@ def _fits(moments, template, rows, beam, density):
 
 
 def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
-    """Whether stored values are the template's; sums only need its shapes and finite values."""
+    """Whether stored values equal the template's; sums need only its shapes and finite values."""
     if stored is None or template is None:
         return stored is template
     values = {n: np.asarray(getattr(stored, n)) for n in (*same, *sums, *shaped)}
@@ -276,7 +277,7 @@ def _is_like(stored, template, same=(), sums=(), shaped=(), least=-math.inf):
 
 
 def _damage_fits(damage, batches, beam):
-    """Whether there is a finite damage for each batch, or none if the beam has no fatigue line."""
+    """Whether each batch has a finite damage, or there is none because the beam has no S-N line."""
     if damage is None or beam.fatigue_line is None:
         return damage is beam.fatigue_line
     return np.shape(damage) == (batches,) and (np.isfinite(damage) & (damage >= 0.0)).all()

@@ -1,4 +1,4 @@
-"""A scene by a method, with realizations added until its error bars are small enough."""
+"""Runs a scene by a method, and adds realizations until the error bars are small enough."""
 
 import math
 from collections.abc import Callable, Generator, Sequence
@@ -38,39 +38,37 @@ Found = TypeVar("Found")
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
-# With a precision: realizations of the first round, and at most of all rounds
-# together.
+# With a precision: realizations of the first round, and the most in all rounds.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
-# The next round brings the number of realizations to MARGIN times the number that the latest error
-# bar asks for, and at most to GROWTH times the present number, since the first error bars are
-# rough.
+# The next round raises the number of realizations to MARGIN times the number that the latest error
+# bar requires, at most to GROWTH times the present number, since the first error bars are rough.
 MARGIN, GROWTH = 1.1, 2.0
 
 
 @dataclass(frozen=True)
 class Request:
-    """One scene by one method.
+    """One scene to be computed by one method.
 
     Attributes
     ----------
     scene
         Length and seed of the realizations and, if no other is given, their number.
     method
-        An engine or a closure; its name is taken too.
+        An engine or a closure, or its name.
     precision
-        Relative error of each of the quantities that realizations are added for, or None:
-        the standard error, and the possible step error.
+        Relative error, from standard error and step error, down to which realizations are added; or
+        None.
     quantities
         The precision applies to these; those that the scene does not have are ignored.
     step, tolerance
         Options of the method, if it is given by its name.
     realizations
-        Number of the first round with a precision, else in all. None:
-        `FIRST_REALIZATIONS` with a precision, else the scene's own.
+        Number in the first round with a precision, else in total. None: `FIRST_REALIZATIONS` with a
+        precision, else the scene's number.
     most
-        Most realizations that a precision is worth.
+        Most realizations for a precision.
     density, moments
-        Whether the answer is to hold them.
+        Whether the answer contains them.
     """
 
     scene: Scene
@@ -95,15 +93,15 @@ class Request:
 
     @property
     def is_averaged(self) -> bool:
-        """Whether a closure answers it, and no engine."""
+        """Whether the method is a closure, not an engine."""
         return isinstance(self.method, Stationary)
 
     @property
     def cut_from(self) -> Prepared:
-        """The prepared scene of its tasks: the same for all requests that share realizations.
+        """The prepared scene of the tasks: identical for all requests that share realizations.
 
         Each realization is cut into as many batches as in a run of many realizations. If a request
-        runs the scene's own number of realizations and that is small, each is cut into more.
+        runs the scene's own, small number of realizations, there are more batches.
         """
         unrefined = self.realizations is None and self.precision is None
         count = (
@@ -144,9 +142,9 @@ class Answer:
         Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.
     on_orbits
-        The notes that say which orbit was followed.
+        Notes on the followed orbit.
     orbits
-        The orbits that starts reached without noise, the followed one first.
+        Without noise: the orbits that starts reached, the followed one first.
     density
         Density of the displacement.
     moments
@@ -213,13 +211,13 @@ def answering(
     version : str
         Version of the program that computes, see `Runner.version`.
     density : bool
-        Whether histograms are kept even where this request does not ask for them.
+        Whether histograms are kept even if this request does not ask for them.
 
     Returns
     -------
     generator
-        Plan of the Answer; the HarvesterError of its first task; None if the time was
-        spent before that.
+        A plan that returns the Answer, the HarvesterError of its first task, or None if the time
+        ran out before that.
     """
     density = density or request.density
     if request.is_averaged:
@@ -243,9 +241,8 @@ def answering(
 
 
 def sampling_error_budget(precision: float, step_error: float) -> float:
-    """Relative standard error that with the steps' error makes up a precision.
-
-    If the step error alone exceeds it, the precision itself; `note_on_steps` then reports it.
+    """Relative standard error that with the steps' error makes up a precision. If the step error
+    alone exceeds it, the precision itself; `note_on_steps` then reports it.
     """
     left = precision**2 - step_error**2
     return math.sqrt(left) if left > 0.0 else precision
@@ -256,8 +253,8 @@ def note_on_steps(precision: float, step_error: float) -> str:
     if step_error < precision:
         return ""
     return (
-        f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
-        "asked for: choose step = fine or finest"
+        f"the relative step error of a power may be {step_error:.2g}, above the requested "
+        f"precision {precision:g}: choose step = fine or finest"
     )
 
 
@@ -275,10 +272,11 @@ def in_rounds(
     first, most : int
         Realizations of the first round, and of all.
     precision : float or None
-        Relative error that ends it; None: the first round is all.
+        Relative error at which to stop; None: only one round.
     judge : callable
-        Given the answers of all tasks so far and the reason of an end ("" while they go on),
-        returns the estimates and their relative error; 0 if more realizations would not help.
+        Function of the answers of all tasks so far and the reason of an end ("" if more may
+        follow); returns the estimates and their relative error; 0 if more realizations would not
+        help.
 
     Returns
     -------
@@ -309,7 +307,7 @@ def relative_error(estimate: Estimate | None) -> float:
 
 
 def not_balanced(residual: float) -> EnergyNotBalanced:
-    """The error of a run whose energy balance leaves this share."""
+    """The exception for a run with this energy balance residual."""
     return EnergyNotBalanced(
         f"the energy balance leaves {abs(residual):.0%}: choose a shorter step"
     )
@@ -336,7 +334,7 @@ def told(error: HarvesterError) -> str:
 
 
 def answers_before_failure(found: Sequence) -> tuple[list, HarvesterError | str]:
-    """The answers before the first missing one, and its reason: an error, or that time ran out."""
+    """The answers before the first missing one, and why it is missing: an error or lack of time."""
     good: list = []
     for answer in found:
         if answer is None:
@@ -362,9 +360,9 @@ def _averaged(request, density):
 
 
 def _answer(request, good, ended, cost):
-    """The answer from some tasks' answers, and the relative error that decides.
+    """The answer from the tasks' answers, and the relative error that the precision limits.
 
-    `cost` is the share of a power that the steps may cost.
+    `cost` is the largest relative step error of a power.
     """
     prepared_scene, moments, orbits, on_orbits = followed(request.prepared_scene, good, cost)
     scene, system = prepared_scene.scene, prepared_scene.system
@@ -408,10 +406,10 @@ def _answer(request, good, ended, cost):
 
 
 def _reached(request, scene, system, scaled):
-    """The largest relative error of the quantities that decide, and the share of an unseen jump.
+    """The largest relative error of the requested quantities, and the effect of one more jump.
 
-    The latter is by which share of itself a single further jump between the wells would raise
-    E[V²]; where it exceeds the precision, it counts as an error.
+    The effect is the relative rise of E[V²] by one further jump between the wells; above the
+    precision it counts as an error.
     """
     scaled = with_roots(scaled)
     unknown = [name for name in request.quantities if name not in scaled]

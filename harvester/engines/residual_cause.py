@@ -28,7 +28,7 @@ FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
 def suspected_cause(result: Result) -> str:
-    """One clause that names the likeliest cause of the energy balance residual, with evidence."""
+    """The likeliest cause of the energy balance residual, with evidence, as one clause."""
     return next(_causes(result))
 
 
@@ -49,12 +49,12 @@ def _causes(result):
     if taken < 0.0:
         yield (
             f"the load is active: it delivers {-taken / max(abs(put_in), -taken):.0%} of the "
-            "energy that flows; take sources, negative resistances and gains that feed back out "
-            "of its netlist"
+            "energy flow; remove sources, negative resistances and feedback gains from "
+            "its netlist"
         )
     if converter and converter.estimate < 0.0:
         yield (
-            "the load's output takes more than goes into the load: there is a source in its "
+            "the load's output takes more energy than enters the load: there is a source in its "
             "netlist, or its resistors and capacitors differ from the values that were read"
         )
     flow = max(abs(put_in), taken)
@@ -104,7 +104,7 @@ def _causes(result):
 
 
 def _absorbers(totals, missing):
-    """Energies of the parts that the missing energy is proportional to, rather than to the loss."""
+    """Energies of the parts to which the missing energy is proportional, more than to the loss."""
     if len(missing) < FEWEST_REALIZATIONS:
         return {}
     loss = totals["loss_power"] - totals["transducer_loss"]

@@ -1,4 +1,4 @@
-"""Other options of ngspice where Newton's iterations fail, in the order in which users try them.
+"""Options of ngspice to retry with if Newton's iterations fail, in the order users try them.
 
 Gear's rule, steps a quarter as long from the first one on, a source ramp, gmin, and a capacitance
 from each node to ground. The last three change the circuit. They are used if twice the value
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Shares of the energies that an option may change, and that its run may leave unaccounted for.
+# Largest relative change of the energies by an option, and largest energy balance residual.
 NEGLIGIBLE, CONVERGED_RESIDUAL = 0.005, 0.01
 FINER = 4
 GMIN = 1e-10
@@ -70,7 +70,7 @@ def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) 
             tried.append(words)
             continue
         if not reason:
-            note = f"ngspice converged with {words}, and not without: {_trouble(failure)}"
+            note = f"ngspice converged only with {words}; without: {_trouble(failure)}"
             if doubled:
                 note += f" (energies change by less than {NEGLIGIBLE:.1%} with twice the value)"
             for realization in realizations:
@@ -93,7 +93,7 @@ def _trouble(failure):
 def _options(
     prepared_scene: Prepared, engine: Circuit
 ) -> Iterator[tuple[str, Circuit, Circuit | None]]:
-    """Each option in words, the engine with it, and with twice its value if it has one."""
+    """Each option: its description, the engine with it, and with twice its value if it has one."""
     spacing = knot_spacing(prepared_scene)
     if engine.scheme != "gear":
         yield "Gear's rule", replace(engine, scheme="gear"), None

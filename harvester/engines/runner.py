@@ -1,4 +1,4 @@
-"""The one loop over tasks: reused from a store, else computed by processes and kept at once."""
+"""The loop over tasks: answers are reused from a store, else computed by processes and stored."""
 
 import contextlib
 import heapq
@@ -21,27 +21,27 @@ from harvester.engines.task import Task, Wanted, compute
 
 # Largest number of damaged answers that are named.
 MOST_NAMED = 10
-# Share of the time budget by which tasks that are running may exceed it; then they are ended.
+# Share of the time budget by which running tasks may exceed it before they are terminated.
 OVERRUN = 0.05
 
 Plan = Generator[Wanted, list, object]
 
 
 class Runner:
-    """Answers tasks; get one from `open_runner`.
+    """Computes tasks or reuses stored answers; `open_runner` creates one.
 
-    The next tasks of a plan follow from earlier answers alone, and a task's answer from its
-    arguments: so a study that was interrupted ends in the numbers of one that was not, and any
-    processes give the same.
+    The next tasks of a plan depend only on earlier answers, and a task's answer only on its
+    arguments: an interrupted study therefore gives the same numbers when resumed, on any number of
+    processes.
 
     Attributes
     ----------
     folder
         Folder of stored answers; None: in memory only.
     out_of_time
-        Whether something was left out because the time budget was spent.
+        Whether tasks were skipped because the time budget was spent.
     computed, reused
-        Tasks of this runner that were computed, and that were there before.
+        Number of tasks that were computed, and of those reused from the store.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Runner:
 
     @contextlib.contextmanager
     def in_stages(self) -> Iterator[Stages]:
-        """Yield `Stages`: within the block its `begin` names each list of tasks as one stage."""
+        """Yield `Stages`: within the block, its `begin` starts a stage for each list of tasks."""
         former = self._progress.report
         self._progress.report = stages = Stages(former)
         try:
@@ -88,7 +88,7 @@ class Runner:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
         if self._store.passing and self._store.on_disk:
             lines.append(
-                f"{self._store.passing} tasks gave no result that lasts (a limit, the machine, a "
+                f"{self._store.passing} tasks gave no storable result (a limit, the machine, a "
                 "missing program or file): the same command computes them again"
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
@@ -106,7 +106,7 @@ class Runner:
     def run(self, tasks: Sequence[Task]) -> list:
         """Answers of some tasks, in their order; tasks begin in that order, equal ones once.
 
-        An answer is the HarvesterError that a task ended with; None where the time was spent.
+        A failed task's answer is its HarvesterError; a task skipped for lack of time has None.
         """
         return self.follow([_alone(task) for task in tasks])
 
@@ -118,10 +118,10 @@ class Runner:
     ) -> list[Answer | HarvesterError | None]:
         """Answers to requests, in their order; see `harvester.engines.request.answering`.
 
-        Requests begin in that order, equal ones once. `on_answer` is given (index, answer) as soon
-        as there is one; `in_turn` as for `follow`.
+        Requests begin in that order, equal ones once. `on_answer` is called with (index, answer)
+        for each answer; `in_turn` as for `follow`.
         """
-        # Requests with the same tasks share them: a density that one asks for is computed for all.
+        # Requests with the same tasks share them: a density requested by one is computed for all.
         shapes = {_cut(request) for request in requests if request.density}
         plans = [
             answering(request, self.version(request.method.name), _cut(request) in shapes)
@@ -147,19 +147,19 @@ class Runner:
         on_end: Callable[[int, object], None] | None = None,
         in_turn: bool = False,
     ) -> list:
-        """Carry out several plans at the same time; returns the list of their return values.
+        """Execute several plans concurrently; returns the list of their return values.
 
         Parameters
         ----------
         plans : iterable of generator
-            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
-            are there. If a result is None the time is spent: the plan should return a partial
-            result.
+            Each yields `Wanted` and is sent the results of its tasks, in the form of `run`, when
+            all are complete. If a result is None, the time is spent: the plan should return a
+            partial result.
         on_end : callable or None
             Called with (index, returned value).
         in_turn : bool
-            Whether an earlier plan's later tasks go before a later plan's first ones: results then
-            come one after another, else all plans get further a step at a time.
+            Whether an earlier plan's later tasks precede a later plan's first ones: plans then end
+            one after another, else all plans advance together.
         """
         return _Following(self, list(plans), on_end, in_turn).to_the_end()
 
@@ -177,7 +177,7 @@ class _Following:
         self._returned = [None] * len(plans)
         # For each plan its tasks and their results; for each task's key the plans that wait for it.
         self._wanted, self._results, self._waiting = {}, {}, {}
-        # Tasks that have not been handed over yet, with their priorities.
+        # Tasks that have not been submitted yet, with their priorities.
         self._ready, self._number = [], itertools.count()
         self._futures: dict = {}
         self._done: queue.SimpleQueue = queue.SimpleQueue()
@@ -201,7 +201,7 @@ class _Following:
         return self._returned
 
     def _advance(self, plan, results):
-        """Go on with a plan for as long as everything that it asks for is there."""
+        """Advance a plan while all answers that it asks for are available."""
         while True:
             try:
                 request = self._plans[plan].send(results)
@@ -246,7 +246,7 @@ class _Following:
         self._results[plan][key] = answer
 
     def _hand_over(self):
-        """Keep the processes busy: two tasks each, so that none waits for this one."""
+        """Submit two tasks per process, so that no process waits for this one."""
         pool = self._runner.pool
         while self._ready and len(self._futures) < 2 * pool.size:
             *_, task = heapq.heappop(self._ready)
@@ -258,7 +258,7 @@ class _Following:
             future.add_done_callback(self._done.put)
 
     def _leave_out(self):
-        """Start no further tasks: tasks that have not begun get the answer None."""
+        """Give all tasks that have not begun the answer None."""
         for future in self._futures:
             future.cancel()
         left_out, self._ready = self._ready, []
@@ -267,7 +267,7 @@ class _Following:
             self._settle(task, None, 0.0)
 
     def _end_running(self):
-        """End the tasks that are running: they get the answer None."""
+        """Terminate the running tasks and give them the answer None."""
         running, self._futures = self._futures, {}
         if running:
             self._runner.out_of_time = True
@@ -294,7 +294,7 @@ class _Following:
         self._settle(task, outcome, seconds)
 
     def _settle(self, task, outcome, seconds):
-        """Go on with the plans that waited for a task."""
+        """Advance the plans that waited for a task."""
         self._progress.done(task.label, task.key, seconds)
         for plan in sorted(self._waiting.pop(task.key)):
             self._results[plan][task.key] = outcome

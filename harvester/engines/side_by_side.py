@@ -15,17 +15,16 @@ MOST_COPIES = {"behavioural": 16, "compiled": 200}
 # Least number of netlists into which the realizations of a run are split, to use all cores.
 FEWEST_NETLISTS = 8
 # Fewest copies in one netlist, since copies share the shortest step: 32 compiled ones are 1.7 times
-# as fast as 8, and 3.7 times as fast as behavioural ones. There are at least two netlists all the
-# same.
+# as fast as 8, and 3.7 times as fast as behavioural ones. There are at least two netlists
+# nevertheless.
 FEWEST_COPIES = {"behavioural": 1, "compiled": 32}
 FEWEST_FOR_COPIES = 2
 
 
 def copies(realizations: int, device: str) -> int:
-    """Copies of the "behavioural" or "compiled" device in one netlist: as many as pay.
+    """Fastest number of copies of the "behavioural" or "compiled" device in one netlist.
 
-    The number follows from the scene alone: the same scene gives the same numbers on any machine,
-    whatever the number of workers.
+    It depends on the scene alone: results do not depend on the machine or the number of workers.
     """
     share = max(
         realizations // FEWEST_NETLISTS,
@@ -35,10 +34,9 @@ def copies(realizations: int, device: str) -> int:
 
 
 def together(realizations: int, workers: float) -> int:
-    """Realizations that Monte Carlo takes at a time: as many for each worker, if not too many.
+    """Realizations that Monte Carlo integrates together: an equal number per worker, up to a limit.
 
-    They share nothing: the numbers do not depend on the other realizations. `workers` is
-    inf if unknown.
+    They are independent: results do not depend on this number. `workers` is inf if unknown.
     """
     among = FEWEST_NETLISTS if math.isinf(workers) else int(workers)
     rounds = math.ceil(realizations / among / MOST_TOGETHER)
@@ -51,7 +49,7 @@ def share_steps(
     source: str = "external",
     tolerance: float | None = None,
 ) -> bool:
-    """Whether several realizations may be copies in one netlist, where they share the time steps.
+    """Whether several realizations may be copies in one netlist, which share the time steps.
 
     Each realization gets its own netlist if contacts are stiff (each would shorten all copies'
     steps), if the local error controls the steps, or if the load switches.

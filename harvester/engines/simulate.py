@@ -47,46 +47,45 @@ def simulate(
     runner: Workers | None = None,
     progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Result:
-    """Run one scene through one engine: its quantities with error bars.
+    """Simulate a scene with one engine: its quantities with error bars.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     method : str or Method
-        circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
-        In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
-        below themselves; a name is short for the object with its defaults.
+        circuit (ngspice) or monte-carlo (direct integration, without ngspice). In Python also
+        `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings below themselves;
+        a name is short for the object with its defaults.
     source : str
         Circuit only: external, the path through compiled callbacks, or pwl, a source in the
         netlist with ngspice's own steps, for comparison.
     device : str
         Circuit only: behavioural elements, one compiled device for mechanics and piezo (the extra
-        `fast`), or automatic, compiled where it is found. The same numbers to 1e-9.
+        `fast`), or automatic: compiled if it is installed. Results agree to 1e-9.
     copies : int or None
-        Circuit only: realizations side by side in one netlist, which share their steps (default:
-        as many as pay).
+        Circuit only: realizations in parallel in one netlist, with the same time steps (default:
+        the fastest number).
     step : str or float
         default, fine, finest, or the longest step in seconds. It is rounded down to a whole
         division of the knot spacing, and shorter in contact.
     workers : int or None
-        Processes (default: one a core).
+        Number of processes (default: one per core).
     time_limit : float
         Wall-clock limit of one realization, without compilation.
     keep_going : bool
         Try a realization that crashes or runs out of time once more, and continue without it; the
         result's `failures` name it. Else the first failure ends the run.
     stroboscope : bool
-        Keep the state at the beginning of every period of the excitation, of its lowest line or,
-        under noise, of the device's own, as `Result.stroboscope` and a figure.
+        Keep the state at the beginning of every period, as `Result.stroboscope` and a figure: the
+        period of the excitation, of its lowest line or, under noise, of the device.
     window : (float, float), "all" or None
-        Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
-        from the run's beginning, or all (default: 50 periods of the device's motion after
-        settling).
+        Part of the first realization in `Result.waveform` and --waveform: START:END in s from the
+        run's beginning, or all (default: 50 periods of the device's motion after settling).
     nodes : sequence of str
-        Voltages and currents of the load's netlist that they hold too: a node NAME or v(NAME), on
-        the DC side against ref, else against n; v(A,B) of two nodes; a current i(NAME). Several may
-        be given.
+        Voltages and currents of the load's netlist in the waveform: a node NAME or v(NAME), on the
+        DC side against ref, else against n; v(A,B) of two nodes; a current i(NAME). Several may be
+        given.
 
     Other Parameters
     ----------------
@@ -99,8 +98,7 @@ def simulate(
     joint_density : bool
         Keep p(X, X') as `Result.joint_density`.
     executor : concurrent.futures.Executor or None
-        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
-        `client.get_executor()`, mpi4py's.
+        Used instead of worker processes: a process pool, Dask's `client.get_executor()`, mpi4py's.
     runner : WorkerPool, an object with one as its `pool`, or None
         Running processes to use again (`harvester.base.worker_pool`).
     progress : callable or False or None
@@ -120,8 +118,7 @@ def simulate(
 
     Notes
     -----
-    The same seed gives the same noise to every engine and the same numbers whatever the
-    number of workers.
+    The same seed gives every engine the same noise; results do not depend on the number of workers.
 
     Examples
     --------
@@ -158,7 +155,7 @@ def simulate(
                 joint_density=joint_density, stroboscope=stroboscope or several,
             )  # fmt: skip
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
-            # To leave the range of the spring is an outcome of a start, not a failure.
+            # A start that leaves the range of the spring is a result, not a failure.
             lost = {
                 k: o for k, o in failures.items() if several and leaves_range(prepared_scene, o)
             }
@@ -177,14 +174,14 @@ def simulate(
 
 
 def require_paths(scene: Scene, command: str) -> None:
-    """Refuse excitations without as many independent paths as a command may ask for."""
+    """Raise if the excitation does not have an unlimited number of independent paths."""
     if not scene.excitation.endless:
         spectrum = '"spectrum" (harvester spectrum makes one of a record) or '
         raise _too_few_paths(scene, command, spectrum)
 
 
 def require_noise(scene: Scene, command: str) -> None:
-    """Refuse kinds of excitation that a command cannot vary or repeat."""
+    """Raise unless the excitation is Ornstein–Uhlenbeck noise."""
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):

@@ -1,4 +1,4 @@
-"""The realizations of one scene spread over processes, and how far they are."""
+"""Distributes the realizations of one scene over processes, and follows their progress."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 # If no window is asked for: periods of small oscillations in the waveform, and its largest number
-# of points. A load that switches fast may reach the number of points first.
+# of points. With a fast switching load the number of points may be the limit.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 
@@ -115,8 +115,8 @@ def outcomes(
     """A Realization or its SimulationError, for every realization in order.
 
     Realizations that failed together are tried again one by one. `kept` are `joint_density` and
-    `stroboscope` of `simulate`. Raises SimulationError if one failed and nothing keeps going, or if
-    all failed.
+    `stroboscope` of `simulate`. Raises SimulationError if one failed and `keep_going` is false, or
+    if all failed.
     """
     count = distinct_realizations(prepared_scene)
     most = min(optimal_batch_size(prepared_scene, engine, pool), count)

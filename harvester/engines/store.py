@@ -1,4 +1,4 @@
-"""Answers by their tasks, in memory or in a folder's `points/`, where they outlast a kill."""
+"""Store of answers (results of tasks), in memory or in a folder's `points/` on disk."""
 
 import os
 import stat
@@ -15,14 +15,14 @@ MISSING = object()
 class AnswerStore:
     """Answers by the keys of their tasks.
 
-    An answer is written aside and renamed: it is on disk whole or not at all.
+    A file is written under a temporary name and renamed, so that it is never incomplete.
 
     Attributes
     ----------
     refused : dict of str to str
-        Messages by key on files with a task's name that were no answer to it.
+        Messages on invalid files, by the keys of their tasks.
     passing : int
-        Outcomes that a repeated run may not reproduce, and that are therefore not on disk.
+        Number of results that are not stored, since a repeated run may not reproduce them.
     """
 
     def __init__(self, folder: os.PathLike | None = None):
@@ -34,11 +34,11 @@ class AnswerStore:
 
     @property
     def on_disk(self) -> bool:
-        """Whether anything outlasts this object."""
+        """Whether answers are stored on disk."""
         return self._folder is not None
 
     def get(self, task: Task) -> object:
-        """The answer, or `MISSING` where there is no valid one."""
+        """The stored answer, or `MISSING` if there is no valid one."""
         if task.key in self._held:
             return self._held[task.key]
         if self._folder is None or task.key in self._unbelieved:
@@ -56,7 +56,7 @@ class AnswerStore:
         return answer
 
     def put(self, task: Task, answer: object) -> None:
-        """Keep an answer; on return it is on disk, if a repeated run would give the same."""
+        """Store an answer; on disk only if a repeated run would reproduce it."""
         is_error = isinstance(answer, BaseException)
         final = not is_error or is_lasting(type(answer).__name__, str(answer))
         self.passing += not final
@@ -96,8 +96,8 @@ def _check(task, answer):
         return
     try:
         wrong = task.misfit(answer)
-    # Foreign data may raise anything.
+    # Data of unknown origin may raise any exception.
     except Exception as error:
-        raise NotAnAnswer("has another form than an answer to this") from error
+        raise NotAnAnswer("does not have the form of this task's answer") from error
     if wrong:
         raise NotAnAnswer(wrong)

@@ -1,4 +1,4 @@
-"""Tasks: calls of functions whose answers are worth keeping, named by all that decides them."""
+"""Tasks: function calls whose answers are stored under a hash of all inputs."""
 
 import dataclasses
 import hashlib
@@ -24,13 +24,13 @@ from harvester.version import __version__
 
 # Version of the stored answers. Raising it makes all older ones invalid.
 FORMAT = 5
-# A failure of these kinds would repeat in every task, so that it ends the study.
+# These errors would recur in every task, so they end the study.
 OF_THE_MACHINE = (EngineNotFound, CompiledDeviceUnavailable, MissingLibrary)
 
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """A call whose answer follows from its arguments alone.
+    """A call whose answer depends only on its arguments.
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class Task:
     version
         Version of the computing program, besides this package.
     label
-        Tasks of one label take about as long as each other: for the time left.
+        Tasks of one label take about equal times: for the estimate of the remaining time.
     time_limits
         Wall-clock limit, in multiples of the runner's limit.
     misfit
-        Given an answer that was read, returns why it cannot answer this task; "" if it can.
+        Function of a stored answer; returns why it does not fit this task, "" if it does.
     """
 
     function: Callable
@@ -60,7 +60,7 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """SHA-256 of all that decides the answer: equal tasks are computed once."""
+        """SHA-256 of all inputs of the answer: equal tasks are computed once."""
         content = [
             FORMAT,
             f"{self.function.__module__}.{self.function.__qualname__}",
@@ -73,7 +73,7 @@ class Task:
 class Wanted(NamedTuple):
     """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
 
-    `ahead` is about how many more it will ask for after these: for the time left.
+    `ahead` is the approximate number of further tasks: for the estimate of the remaining time.
     """
 
     tasks: Sequence[Task]
@@ -81,7 +81,7 @@ class Wanted(NamedTuple):
 
 
 def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> tuple[Any, float]:
-    """One task, in a worker process: (its answer or the error that it ended with, seconds)."""
+    """Compute a task in a worker process: (its answer or its error, seconds)."""
     clock = time.perf_counter()
     try:
         if "scene" in arguments:
@@ -102,7 +102,7 @@ def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> 
 
 
 def _share(latest):
-    """Share of a task that is done, by its latest report: moments of realizations, or the share."""
+    """Finished share of a task, from its latest report: moments of realizations, or the share."""
     if not isinstance(latest, list):
         return float(latest)
     shares = [m.time_reached / (m.start + m.batch_length * len(m.integrals)) for m in latest]
@@ -110,7 +110,7 @@ def _share(latest):
 
 
 def _plain(value):
-    """A task's argument as JSON; different ones differ."""
+    """A task's argument as JSON; different arguments give different JSON."""
     if isinstance(value, Scene):
         return {"scene": value.digest()}
     if isinstance(value, dict):
@@ -121,4 +121,4 @@ def _plain(value):
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise TypeError(f"{type(value).__name__} is no argument of a task")
+    raise TypeError(f"{type(value).__name__} cannot be an argument of a task")

@@ -1,4 +1,4 @@
-"""Excitations: each kind is one class in one module and one entry in `KINDS`."""
+"""Excitations: each kind is a class in its own module and an entry in `KINDS`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from harvester.excitation.sum import Sum
 from harvester.excitation.swept_sine import SweptSine
 from harvester.excitation.white import White
 
-# Excitations by the word that `[excitation] kind` takes. The first is the default.
+# Excitations by the value of `[excitation] kind`. The first is the default.
 KINDS: Registry[type[Excitation]] = Registry(
     "harvester.excitations",
     {

@@ -23,17 +23,17 @@ LARGEST_SEED = 2**128 - 1
 class Run(Table):
     """Length and number of the realizations, and the seed.
 
-    With `starts` each realization has a start drawn evenly over the device's energy range; without
-    it, successive realizations begin in successive wells.
+    With `starts` each realization has a random start, uniform over the device's energy range;
+    without it, successive realizations begin in successive wells.
     """
 
-    duration: float = positive("duration: measured time of each; of a record: all of it", "s")
+    duration: float = positive("duration: measured time; default of a record: all", "s")
     settle: float = not_negative("settling time: discarded before the duration", "s", default=0.0)
     seed: int = key("seed of the random numbers", kind=int, low=0, high=LARGEST_SEED, default=0)
     realizations: int = key("number of realizations", kind=int, low=1, high=1_000_000, default=1)
-    starts: int | None = key("number of drawn starts", kind=int, low=1, high=1_000_000)
+    starts: int | None = key("number of random starts", kind=int, low=1, high=1_000_000)
     orbit: str | None = word(
-        "orbit: whose quantities studies take if starts reach several; rest unless given",
+        "orbit: evaluated by studies if starts reach several; by default rest",
         ("rest", "best", "weighted"),
     )
 
@@ -43,14 +43,14 @@ class Run(Table):
 
 
 def knots(usual: str) -> Any:
-    """A field for the spacing of the knots, by the spacing that is usual."""
-    return positive(f"spacing of the knots: {usual} unless given", "s")
+    """A field for the spacing of the knots, with a description of its default."""
+    return positive(f"spacing of the knots: by default {usual}", "s")
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:
-    """The independent `SeedSequence` of one realization, the same whatever runs it.
+    """The independent `SeedSequence` of one realization, identical for all engines and runs.
 
-    It is the child that `SeedSequence(seed).spawn` gives at this index, without its siblings.
+    It equals the child of `SeedSequence(seed).spawn` at this index.
     """
     return np.random.SeedSequence(seed, spawn_key=(index,))
 
@@ -61,7 +61,7 @@ def child_seed(seed: SeedSequence, index: int) -> SeedSequence:
 
 
 def kernel_loss(spacing: float, angular_frequency: float) -> float:
-    """Share of the spectral density that linear interpolation between knots takes away.
+    """Share of the spectral density that is lost by linear interpolation between knots.
 
     A straight line between samples is their convolution with a triangle, whose power gain at
     the frequency ω is sinc⁴(ω spacing/2).
@@ -70,7 +70,7 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
 
 
 class ExcitationPath(ABC):
-    """The samples of η of one realization, one after the other, at equally spaced knots.
+    """The samples of η of one realization, in order, at equally spaced knots.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class ExcitationPath(ABC):
 
     @abstractmethod
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
+        """The next `count` samples, float64 of shape (count,), independent of the block sizes.
 
         An engine may read past the end of the run.
         """
@@ -91,8 +91,9 @@ class ExcitationPath(ABC):
 class Excitation(Table, ABC):
     """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
 
-    A kind is a class by `harvester.device.keys.table`: its fields are the keys of the scene's table
-    `[excitation]`, in the scene's units. Accelerations are divided by the length unit to give η.
+    A kind is a class decorated by `harvester.device.keys.table`: its fields are the keys of the
+    scene's table `[excitation]`, in the scene's units. Accelerations are divided by the length unit
+    to give η.
     """
 
     NAME = "excitation"
@@ -116,10 +117,10 @@ class Excitation(Table, ABC):
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
-        """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
+        """Frequency (Hz) and amplitude of each sine, whether simultaneous or successive.
 
-        Near a resonance an integrator's error of frequency changes a sine's power; steps are chosen
-        for that.
+        Steps are chosen by these lines: near a resonance an integrator's frequency error changes a
+        sine's power.
         """
         return ()
 
@@ -130,16 +131,16 @@ class Excitation(Table, ABC):
 
     @property
     def own_duration(self) -> float | None:
-        """Duration of the excitation (s), run if a scene sets none; None: without end."""
+        """Duration of the excitation (s), the default of `run.duration`; None if unlimited."""
         return None
 
     @property
     def drifts(self) -> bool:
-        """Whether its strength changes during the run, as in the record of one event."""
+        """Whether the intensity changes during the run, as in the record of one event."""
         return False
 
     def transient(self, run: Run) -> bool:
-        """Whether a run has a few events alone, which are no sample of a stationary signal."""
+        """Whether a run contains only a few events, not a sample of a stationary signal."""
         return False
 
     @property
@@ -149,7 +150,7 @@ class Excitation(Table, ABC):
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Frequencies at which `density` bends or jumps (Hz)."""
+        """Frequencies at which `density` has a corner or a jump (Hz)."""
         return ()
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
@@ -160,32 +161,31 @@ class Excitation(Table, ABC):
         return None
 
     def measured_density(self, stretch: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Frequencies (Hz) and the density there of a measured path; None of all others.
+        """Frequencies (Hz) and density of a measured path; None for other paths.
 
-        The mean over stretches of this length (s), up to a factor.
+        The mean over segments of this length (s), up to a factor.
         """
         return None
 
     @property
     def highest_frequency(self) -> float:
-        """Highest frequency in a measured path (Hz); infinite where the excitation is not
-        measured."""
+        """Highest frequency in a measured path (Hz); infinite for other excitations."""
         return math.inf
 
     @property
     def prescribes_displacement(self) -> bool:
-        """Whether the displacement is given and nothing moves by forces."""
+        """Whether the displacement is prescribed, so that forces have no effect."""
         return False
 
     def check(self, units: str, run: Run, origin: str) -> None:
         """Raise for values that are valid alone but not together, or not with this run.
 
-        `run.duration` is None where the scene leaves it to the excitation. `origin` is the file's
-        or the scene's name, for the message of the SceneError.
+        `run.duration` is None if the excitation determines it. `origin` is the file's or the
+        scene's name, for the message of the SceneError.
         """
 
     def _check_unit(self, units: str, origin: str, required: bool = False) -> None:
-        """Refuse a `unit` of samples or densities that is not one of a scene with these units."""
+        """Raise if the `unit` of samples or densities is not allowed with a scene's `units`."""
         unit = getattr(self, "unit", None)
         if (unit == SCALED) == (units == SCALED) and (unit or not required):
             return
@@ -197,7 +197,7 @@ class Excitation(Table, ABC):
         )
 
     def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:
-        """Refuse a `knot_spacing` that is longer than this (s), which the words explain."""
+        """Raise if `knot_spacing` exceeds `longest` (s); `words` explain the limit."""
         spacing = getattr(self, "knot_spacing", None)
         if spacing is not None and spacing > longest:
             raise SceneError(
@@ -209,16 +209,16 @@ class Excitation(Table, ABC):
     def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
-        `longest` is the longest spacing that resolves the device's own motion (s); infinite where
-        it has no frequency.
+        `longest` is the longest spacing that resolves the device's motion (s); infinite if it has
+        no natural frequency.
         """
 
     @abstractmethod
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        """(D, τ1) of the Ornstein–Uhlenbeck noise that drives about as strongly.
+        """(D, τ1) of Ornstein–Uhlenbeck noise of about the same effect.
 
-        It sizes steps. Averaging uses it where `averaging_refusal` is empty. The arguments are the
-        device's relaxation time and the longest spacing that resolves its motion (s).
+        It determines step sizes; averaging uses it if `averaging_refusal` is empty. The arguments
+        are the device's relaxation time and the longest spacing that resolves its motion (s).
         """
 
     @abstractmethod
@@ -241,5 +241,5 @@ class Excitation(Table, ABC):
         """Notes for the result: caveats of the excitation."""
 
     def averaging_refusal(self) -> str:
-        """Why stochastic averaging does not apply; empty where it does."""
+        """Reason why stochastic averaging does not apply; empty if it does."""
         return "averaging assumes stationary noise with a smooth spectrum: simulate"

@@ -1,8 +1,8 @@
-"""Normal sequences from numpy's generator, bit for bit its numbers, in less than half its time.
+"""Normal random numbers identical to those of numpy's generator, in less than half the time.
 
-numpy calls its generator of bits for each number. Here a block of words is drawn at once, and
-compiled code makes of them the normal numbers that numpy makes: by the ziggurat of G. Marsaglia and
-W. W. Tsang, J. Stat. Softw. 5 (8) (2000), with the tables that numba has of numpy's.
+numpy calls its bit generator for each number. Here a block of words is drawn at once, and compiled
+code converts them to the same normal numbers: by the ziggurat method of G. Marsaglia and W. W.
+Tsang, J. Stat. Softw. 5 (8) (2000), with numba's copy of numpy's tables.
 """
 
 from __future__ import annotations
@@ -19,25 +19,24 @@ if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 # Tables of the ziggurat method. For each strip under the bell curve: the width of its rectangle
-# over the strip's, in units of 2⁻⁵²; the strip's width in the same unit; the curve's height. Then
-# the beginning of the tail and its inverse.
+# relative to the strip's, in units of 2⁻⁵²; the strip's width in the same unit; the curve's height.
+# Then the beginning of the tail and its inverse.
 INNER, WIDTH, HEIGHT = ziggurat.ki_double, ziggurat.wi_double, ziggurat.fi_double
 TAIL, INVERSE_TAIL = ziggurat.ziggurat_nor_r, ziggurat.ziggurat_nor_inv_r
-# Random words per number: one is enough but for 1.2 % of the numbers.
+# Random words per number: 1.2 % of the numbers need more than one.
 WORDS_FOR_A_NUMBER = 1.02
-# Random words at the end of a block that stay unused, so that no number runs out of words.
+# Random words reserved at the end of a block, so that a number never lacks words.
 SPARE_WORDS = 64
 DOUBLES_IN_ONE = 2.0**53
 
 
 class NormalPath(ExcitationPath):
-    """Stationary normal numbers of mean zero, each of which keeps a share of the one before.
+    """Stationary first-order autoregressive sequence of normal numbers with mean zero.
 
-    x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their deviation, where ξ are the numbers of
-    `numpy.random.default_rng(seed).standard_normal`, and the first of them is the first x.
+    x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their standard deviation, where ξ are the numbers of
+    `numpy.random.default_rng(seed).standard_normal`, and x_0 = ξ_0.
 
-    `decay`: −ln a, from one number to the next; inf for independent numbers. `spacing`: time
-    between two numbers (s).
+    `decay`: −ln a; inf for independent numbers. `spacing`: time between two numbers (s).
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class NormalPath(ExcitationPath):
         self._last = math.nan
 
     def read(self, count: int) -> np.ndarray:
-        """The next numbers; the sequence does not depend on the sizes of the parts."""
+        """The next numbers; the sequence does not depend on the block sizes."""
         numbers, done = np.empty(count), 0
         while done < numbers.size:
             least_words = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
@@ -90,7 +89,7 @@ def _write(words, law, last, numbers, done):
 
 @compiled
 def _beyond(words, position, strip, across, normal):
-    """A number outside the rectangle within a strip, NaN if rejected; and the next index."""
+    """A number in a strip outside its rectangle, NaN if rejected; and the next index."""
     if strip > 0:
         density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[position]) + HEIGHT[strip]
         return normal if density < math.exp(-0.5 * normal * normal) else math.nan, position + 1
@@ -105,5 +104,5 @@ def _beyond(words, position, strip, across, normal):
 
 @compiled
 def _unit(word):
-    """A number of [0, 1) from a word's 53 highest bits."""
+    """A number in [0, 1) from a word's 53 highest bits."""
     return (word >> np.uint64(11)) * (1.0 / DOUBLES_IN_ONE)

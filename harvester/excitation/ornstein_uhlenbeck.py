@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 
-# Linear interpolation between knots lowers the variance of the noise by the share spacing/(3 τ1),
-# which is 4 % here.
+# Default number of knots. Linear interpolation lowers the variance of the noise by the share
+# spacing/(3 τ1), 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 
 
@@ -44,12 +44,12 @@ class OrnsteinUhlenbeck(Excitation):
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
             return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
-        # Checked here, where knots are needed. Averaging needs the noise alone.
+        # Checked only here, since averaging needs no knots.
         if self.knot_spacing > self.correlation_time:
             raise SceneError(
                 f"excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {self.correlation_time:g}], the correlation time; leave it out, and the "
-                "knots suit the noise"
+                f"(0, {self.correlation_time:g}], the correlation time; omit the key for a "
+                "suitable spacing"
             )
         return self.knot_spacing
 
@@ -62,11 +62,11 @@ class OrnsteinUhlenbeck(Excitation):
         return 4.0 * self.intensity / (1.0 + (omega * self.correlation_time) ** 2)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        """Samples that are exact in law at the knots, and stationary from the first (Eq. 6).
+        """Samples with the exact distribution at the knots, stationary from the first one (Eq. 6).
 
-        η_{k+1} = a η_k + √(D/τ1 (1 − a²)) ξ_k, a = exp(−spacing/τ1). Engines take η as linear
-        between knots, which lowers the variance averaged over time by about spacing/(3 τ1) of
-        itself (`interpolation_loss`).
+        η_{k+1} = a η_k + √(D/τ1 (1 − a²)) ξ_k, a = exp(−spacing/τ1). Engines interpolate η linearly
+        between knots, which lowers the time-averaged variance by the share spacing/(3 τ1)
+        (`interpolation_loss`).
         """
         from harvester.excitation.correlated_normals import NormalPath
 
@@ -82,7 +82,7 @@ class OrnsteinUhlenbeck(Excitation):
 
 
 def interpolation_loss(spacing: float, correlation_time: float) -> float:
-    """Share of the noise's variance that linear interpolation between knots takes away.
+    """Share of the noise's variance that is lost by linear interpolation between knots.
 
     The mean over a segment of ((1−u) η0 + u η1)² is D/τ1 (2 + a)/3 with a = exp(−spacing/τ1).
     """

@@ -1,4 +1,4 @@
-"""A displacement that is prescribed: a test bench for loads, without mechanics."""
+"""A prescribed displacement: a test bench for loads, without mechanics."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ KNOTS_PER_CYCLE = 200
 class PrescribedDisplacement(Excitation):
     """X = amplitude · sin(2π frequency t), whatever the load does.
 
-    η is then the force that gives this motion to a mass with neither spring nor damper: the drive
-    of the piezo is the power put in. Closed forms of loads are stated for this motion.
+    η is the force that moves a mass without spring and damper in this way, so that the input power
+    is that of driving the piezo. Published closed forms for loads assume this motion.
     """
 
     amplitude: float = positive("amplitude: of the displacement", "m", "l", required=True)

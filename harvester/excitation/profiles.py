@@ -1,6 +1,6 @@
-"""Spectra of published standards by name; each was checked against the rms that its source prints.
+"""Spectra of published standards by name, each checked against the rms value printed in its source.
 
-Levels for components of at most 22.7 kg, one-sided, straight between breakpoints on log–log axes.
+One-sided densities, straight between breakpoints on log–log axes, for components up to 22.7 kg.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PROFILES = {
 
 
 def write_out_profile(table: dict[str, Any], where: str) -> None:
-    """Replace the name of a profile in an excitation's table by the profile's values.
+    """Replace a profile's name in an excitation's table by the profile's values.
 
     Raises SceneError if there is no such profile, or the table also gives values.
     """
@@ -45,7 +45,7 @@ def write_out_profile(table: dict[str, Any], where: str) -> None:
     if profile is None:
         raise SceneError(
             f"{where}.profile = {shown(name)}: must be one of "
-            f"{', '.join(PROFILES)}{nearest(name, PROFILES)}; others go into excitation.breakpoints"
+            f"{', '.join(PROFILES)}{nearest(name, PROFILES)}; for others set excitation.breakpoints"
         )
     values = {
         "unit": "g^2/Hz",

@@ -1,4 +1,4 @@
-"""Recorded base acceleration: a file's samples as knots."""
+"""Recorded base acceleration: the samples of a file are the knots."""
 
 from __future__ import annotations
 
@@ -27,74 +27,74 @@ if TYPE_CHECKING:
 
 
 UNITS = (*ACCELERATION, "scaled")
-# The band that holds this share of the record's power misses the device if it lies beyond the
-# device's frequency by more than this factor.
+# A remark is made if the band with the first share of the record's power lies above or below the
+# device's frequency by more than the second factor.
 BAND_SHARE, BAND_MISS = 0.99, 3.0
-# The result has a note if the offset exceeds this share of the rms.
+# A note is given if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
-# The mean squares of this many stretches are compared, to find a record that is not stationary: one
-# whose greatest is more than STEADY times its least.
+# A record is not stationary if the largest mean square of STRETCHES segments exceeds STEADY times
+# the smallest.
 STRETCHES, STEADY = 4, 1.1
-# The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
-# if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
-# after a filter of Q < 20 has less.
+# The record is cut into LINE_STRETCHES segments. It counts as one sine at a time, possibly swept,
+# if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the peak. Noise through a
+# filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
-# A smooth record gets this many knots for each sample. At seven samples a period, straight lines
-# between these knots lower the amplitude by 0.1 %.
+# Knots per sample of a smooth record. At seven samples per period, straight lines between these
+# knots lower the amplitude by 0.1 %.
 SMOOTH_KNOTS = 8
-# A record also counts as sines if up to LINES_AT_ONCE of them, each with BINS_PER_LINE bins, hold
-# SHARE_OF_SEVERAL of the power. A stretch counts as silent if it has less than SILENT of the
-# loudest one's power.
+# A record also counts as sines if up to LINES_AT_ONCE lines of BINS_PER_LINE bins contain
+# SHARE_OF_SEVERAL of the power. A segment is silent if its power is below SILENT of the strongest
+# segment's.
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
-# A run is a transient if, of EVENT_STRETCHES stretches, fewer than MOST_EVENTS equally strong ones
-# would hold the energy of its acceleration. Gaussian noise of any band has at least 128, and a
-# record whose mean square rises threefold 150.
+# A run is a transient if the effective number of segments with equal energy is below MOST_EVENTS of
+# EVENT_STRETCHES. It is at least 128 for Gaussian noise of any band, and 150 for a record whose
+# mean square rises threefold.
 EVENT_STRETCHES, MOST_EVENTS = 256, 32.0
-# Length of a stretch, in samples.
+# Length of a segment, in samples.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 
 @table
 class RecordedMotion(Excitation):
-    """Base acceleration from a file, linear between samples; docs/reference/files.md lists kinds.
+    """Base acceleration from a file, linear between samples; docs/reference/files.md lists formats.
 
-    η is minus the base acceleration, as it acts on the displacement relative to the base; in a
-    scaled scene (`unit = "scaled"`) the column is η itself.
+    η is minus the base acceleration, since displacements are relative to the base; in a scaled
+    scene (`unit = "scaled"`) the column is η itself.
 
-    `harvester.records` reads and mends the samples, `conditioning` filters them.
-    Of a periodic record the ends are faded into each other over a twentieth of it, and each
-    realization starts at a different offset, drawn from the seed. A worker process reads the file
-    again, and raises if its digest has changed.
+    `harvester.records` reads and repairs the samples, `conditioning` filters them. The ends of a
+    periodic record are cross-faded over a twentieth of its length, and each realization starts at a
+    random offset, drawn from the seed. A worker process reads the file again, and raises if its
+    digest has changed.
     """
 
     file: str = key(
         "file of the record: relative to the scene's folder, in Python to the working folder",
         kind=str, required=True, file=True,
     )  # fmt: skip
-    unit: str | None = word("unit of the column: after scaling; of its heading unless given", UNITS)
+    unit: str | None = word("unit of the column: after scaling; by default in its heading", UNITS)
     column: str | int | None = key("column: its title, or its number from 0", kind=(str, int))
     time_column: str | int | None = key("time column: its title or number", kind=(str, int))
     time_unit: str | None = word(
-        "unit of the time column: of its heading unless given", tuple(QUANTITIES["time"])
+        "unit of the time column: by default in its heading", tuple(QUANTITIES["time"])
     )
     sampling_rate: float | None = positive("sampling rate: if the file has none", "Hz")
-    start: float | None = not_negative("start: time after the first sample; earlier ones go", "s")
-    scale: float | None = key("scale: the acceleration is scale · column + offset; 1 unless given")
-    offset: float | None = key("offset: 0 unless given, in the unit")
+    start: float | None = not_negative("start: time of the first sample used", "s")
+    scale: float | None = key("scale: the acceleration is scale · column + offset; by default 1")
+    offset: float | None = key("offset: by default 0, in the unit")
     full_scale: float = positive("full scale: its value in a .wav file, in the unit", default=1.0)
     detrend: str = word(
-        "detrend: takes off the mean, such as gravity, or a line", ("none", "mean", "linear"),
+        "detrend: subtracts the mean, such as gravity, or a line", ("none", "mean", "linear"),
         default="mean",
     )  # fmt: skip
     band: tuple | None = key(
         "band: the ends of a filter without phase shift", "Hz", element=Key(low=0.0), count=(2, 2)
     )
     mend: tuple = key(
-        "mend: faults of the record that are mended", default=(),
+        "mend: faults of the record that are repaired", default=(),
         element=Key(kind=str, words=samples.FAULTS), count=(0, 3),
     )  # fmt: skip
     repetition: str = word(
-        "repetition: one pass, or again and again", ("none", "periodic"), default="none"
+        "repetition: one pass, or periodic repetition", ("none", "periodic"), default="none"
     )
     interpolation: str = word(
         "interpolation between samples: straight lines, or band-limited", ("linear", "smooth"),
@@ -106,7 +106,7 @@ class RecordedMotion(Excitation):
         "spacing of the knots: closer than the samples, band-limited, down to a whole fraction", "s"
     )
     sha256: str = key(
-        "SHA-256 of the file: another content is refused", kind=str, default="", written=False
+        "SHA-256 of the file: other contents are rejected", kind=str, default="", written=False
     )
 
     symmetric = False
@@ -165,19 +165,19 @@ class RecordedMotion(Excitation):
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
         if self.scale == 0.0:
-            raise SceneError(f"{origin}: excitation.scale = 0: must be another number than 0")
+            raise SceneError(f"{origin}: excitation.scale = 0: must not be 0")
         longest = one_pass(self).interval * (1.0 + 1e-9)
         self._check_knot_spacing(longest, "the time between the record's samples", origin)
         if self.interpolation == "smooth" and self.knot_spacing is not None:
             raise SceneError(
-                f'{origin}: excitation.interpolation = "smooth" and excitation.knot_spacing: leave '
-                "one out: closer knots are smooth by themselves"
+                f'{origin}: excitation.interpolation = "smooth" and excitation.knot_spacing: keep '
+                "one: knot_spacing already interpolates smoothly"
             )
         if self.repetition == "periodic":
             if self.fade_in is not None:
                 raise SceneError(
                     f'{origin}: excitation.fade_in: a record with repetition = "periodic" has no '
-                    "beginning: leave it out"
+                    "beginning: remove the key"
                 )
             return
         length: Any = self.own_duration
@@ -218,36 +218,36 @@ class RecordedMotion(Excitation):
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
-                f"the record is used {times:.1f} times over: error bars show how well this "
-                f"record's own mean is known (best over whole repeats of {length:g} s), not the "
-                "mean that another record gives"
+                f"the record is repeated {times:.1f} times: error bars show how well this "
+                f"record's mean is known (best over whole repeats of {length:g} s), not the "
+                "mean of another record"
             )
         elif self.transient(run):
             lines.append(
-                "a few events hold the record's energy: it is a transient and no sample of a "
+                "a few events contain the record's energy: it is a transient, not a sample of a "
                 "stationary signal; means times run.duration are the energies of this record, and "
                 "error bars cover the steps alone, from a second run with longer steps"
             )
         else:
             drifting = (
-                "hold for records that drift alike; between its quarters the mean square "
+                "are valid for records with the same drift; between its quarters the mean square "
                 f"changes by a factor of {change:.3g}"
             )
-            steady = "hold for records like it; its mean square is steady"
+            steady = "are valid for similar records; its mean square is steady"
             lines.append(
                 f"one pass of one record: error bars {drifting if change > STEADY else steady}; "
-                "error bars of stored powers hold for this record alone: they are the steps' error"
+                "error bars of stored powers are the step error, for this record alone"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(
-                f"the record's mean is {values.mean() / values.std():+.2g} of its deviation: "
-                'leave excitation.detrend = "none" out to take it off'
+                f"the record's mean is {values.mean() / values.std():+.2g} standard deviations: "
+                'remove excitation.detrend = "none" to subtract it'
             )
         return tuple(lines)
 
     def averaging_refusal(self) -> str:
         return (
-            "averaging takes Ornstein–Uhlenbeck noise: ask for a fit to the record's spectrum "
+            "averaging needs Ornstein–Uhlenbeck noise: request a fit to the record's spectrum "
             "(--fit), or simulate"
         )
 
@@ -260,11 +260,11 @@ class RecordPath(ExcitationPath):
     samples : ndarray, shape (n,)
         η, scaled units.
     spacing, interval : float
-        Between knots and between samples (s): between samples η is linear.
+        Time between knots and between samples (s); η is linear between samples.
     start : int
         First sample.
     periodic : bool
-        Continue at the beginning; else nothing acts after the end.
+        Whether the record repeats; else η = 0 after its end.
     """
 
     def __init__(
@@ -364,7 +364,7 @@ def _read_knots(record, name):
             f"knot_spacing = {record.knot_spacing:g}" if record.knot_spacing else "interpolation"
         )
         raise SceneError(
-            f"{name}: excitation.{asked}: makes "
+            f"{name}: excitation.{asked}: gives "
             f"{knots_per_sample * values.size:.3g} knots of the record, and this machine's memory "
             f"allows {most_samples()}"
         )
@@ -378,7 +378,7 @@ def _read_knots(record, name):
 
 
 def _motion(measured, column, time_column):
-    """Index of the stated column, else of the only one besides time, or the only acceleration."""
+    """Index of the given column, else of the only column besides time, or the only acceleration."""
     if column is not None:
         return measured.column("acceleration", column)
     table = measured.table
@@ -386,7 +386,7 @@ def _motion(measured, column, time_column):
     times.add(measured.column("time", time_column, ()))
     others = {*range(len(table.names))} - {*times, *table.texts, *table.complexes}
     if not others:
-        # A column of words or complex numbers is refused with the reason.
+        # A column of text or complex numbers is rejected with a reason.
         for index in {*table.texts, *table.complexes} - times:
             measured.column("acceleration", index)
     if len(others) != 1:
@@ -399,13 +399,13 @@ def _motion(measured, column, time_column):
 
 
 def _offset_remark(values, record, unit):
-    """Remark on a constant part that is subtracted; empty if it is small."""
+    """Remark on a subtracted mean value; empty if it is small."""
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
     amount = f"{mean:.4g} m/s²" if unit else f"{mean:.4g}"
     return (
-        f"its constant part, {amount} (gravity or an offset), was taken off; excitation.detrend = "
+        f"its mean, {amount} (gravity or an offset), was subtracted; excitation.detrend = "
         '"none" keeps it',
     )
 
@@ -428,7 +428,7 @@ def _from_start(values, times, rate, start, name):
 
 
 def one_pass(record: RecordedMotion) -> Knots:
-    """The record's own samples, neither refined nor closed, and their interval (s)."""
+    """The record's samples without upsampling or cross-fading, and their interval (s)."""
     return _knots(replace(record, repetition="none", knot_spacing=None, interpolation="linear"))
 
 
@@ -445,20 +445,20 @@ def _power_band(record: RecordedMotion) -> tuple[float, float]:
 
 
 def _band_remark(record, angular_frequency):
-    """Remark if the record's power lies far from the device's frequency."""
+    """Remark if the record's power is far from the device's frequency."""
     frequency = angular_frequency / (2.0 * math.pi)
     low, high = _power_band(record)
     if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:
         return ()
     return (
         f"the record does not excite the device: {BAND_SHARE:.0%} of its power lies between "
-        f"{low:.3g} and {high:.3g} Hz, and the device moves at {frequency:.3g} Hz: check "
+        f"{low:.3g} and {high:.3g} Hz, and the device resonates at {frequency:.3g} Hz: check "
         "the time column's heading, time_unit and sampling_rate",
     )
 
 
 def _lines(record):
-    """The strongest sines of each stretch where the record is a few at a time, swept or not."""
+    """The strongest sines of each segment, if the record consists of a few sines at a time."""
     values, interval, _ = _knots(record)
     size = min(values.size // LINE_STRETCHES, LONGEST_STRETCH)
     if size < SHORTEST_STRETCH:
@@ -468,7 +468,7 @@ def _lines(record):
     )
     stretches = (stretches - stretches.mean(axis=1, keepdims=True)) * np.hanning(size)
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
-    # The remainder of the mean at frequency 0 is no sine.
+    # The residual mean at frequency 0 is not a sine.
     density[:, 0] = 0.0
     total_power = density.sum(axis=1)
     if np.median(total_power) <= SILENT * total_power.max():
@@ -479,7 +479,7 @@ def _lines(record):
         peaks = density.argmax(axis=1)
         nearby = np.abs(bins - peaks[:, None]) <= LINE_BINS
         power = (density * nearby).sum(axis=1)
-        # Hann's window reduces the mean square to 3/8.
+        # The Hann window reduces the mean square to 3/8.
         amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
         sines += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
         density[nearby] = 0.0
@@ -491,7 +491,7 @@ def _lines(record):
 
 @lru_cache(maxsize=4)
 def _events(record, count):
-    """Number of equally strong stretches that would hold the energy of the first `count` knots."""
+    """Effective number of segments with equal energy among the first `count` knots."""
     parts = np.array_split(record.samples[: count + 1], EVENT_STRETCHES)
     energies = np.array([float(np.sum(part**2)) for part in parts])
     squares = float(np.sum(energies**2))
@@ -500,7 +500,7 @@ def _events(record, count):
 
 @lru_cache(maxsize=4)
 def _density(record, size):
-    """Welch's estimate of the record's density from segments of a number of knots."""
+    """Welch's estimate of the record's density, from segments of `size` knots."""
     from scipy import signal
 
     return signal.welch(record.samples, 1.0 / record.interval, nperseg=size)
@@ -508,7 +508,7 @@ def _density(record, size):
 
 @lru_cache(maxsize=4)
 def _equivalent_noise(record):
-    """Noise with the record's greatest density, D = π S, and its variance D/τ1."""
+    """(D, τ1) of Ornstein–Uhlenbeck noise with the record's peak density D/π and variance D/τ1."""
     values = record.samples
     _, density = _density(record, min(values.size, 1024))
     # The density is one-sided and per hertz: 4 π S(ω).

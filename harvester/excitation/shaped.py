@@ -1,4 +1,4 @@
-"""A Gaussian path with a given one-sided density: white noise through a filter, block by block."""
+"""A Gaussian path with a given one-sided density: white noise filtered block by block."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from harvester.excitation.base import ExcitationPath, child_seed
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-# The filter lasts this many periods of the lowest frequency, and of the band's width. The first
-# sixth octave of a density that begins there abruptly is then 0.15 dB low, 0.3 dB at 64 periods. A
-# band between two abrupt edges loses 0.5 % of its mean square there.
+# Length of the filter in periods of the lowest frequency, and of the band's width. At an abrupt
+# lower edge the first sixth octave of the density is then 0.15 dB low, 0.3 dB at 64 periods. A band
+# between two abrupt edges loses 0.5 % of its mean square.
 PERIODS_OF_LOWEST = 128.0
-# Points of the filter within the narrowest gap between two breakpoints.
+# Frequency points of the filter within the narrowest gap between two breakpoints.
 WIDTHS_OF_GAP = 8.0
-# No filter has more values: 8 MB, and twice that in each path.
+# Largest length of a filter: 8 MB, and twice that in each path.
 MOST_TAPS = 2**20
 
 
 def filter_length(frequencies: np.ndarray, spacing: float) -> int:
-    """Values of the filter, a power of 2: it resolves the lowest frequency, the band and each gap.
+    """Length of the filter, a power of 2, that resolves the lowest frequency, the band and each
+    gap.
 
     `frequencies`: shape (n,); frequencies of the breakpoints, ascending (Hz). `spacing`: time
     between knots (s).
@@ -63,7 +64,7 @@ def mean_square(points: tuple) -> float:
 def _filter(points, spacing):
     """Spectrum of the filter over a block of twice its length, and the length.
 
-    The path is linear between knots, so the filter is raised by 1/sinc²(f spacing). White noise of
+    A factor 1/sinc²(f spacing) compensates the linear interpolation between knots. White noise of
     variance 1 has the one-sided density 2 spacing.
     """
     taps = filter_length(np.array([f for f, _ in points]), spacing)
@@ -87,7 +88,7 @@ def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]
 
 
 class ShapedPath(ExcitationPath):
-    """Samples of filtered white noise; blocks have one size, whatever is read.
+    """Samples of filtered white noise, computed in blocks of fixed size.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ class ShapedPath(ExcitationPath):
         return samples
 
     def _fill(self):
-        """The next block: the second half of a circular convolution over two (overlap–save)."""
+        """Fill the next block: second half of a circular convolution over two (overlap–save)."""
         self._input[: self._taps] = self._input[self._taps :]
         self._input[self._taps :] = self._white.read(self._taps)
         filtered = np.fft.irfft(np.fft.rfft(self._input) * self._spectrum)
@@ -149,8 +150,8 @@ class Bursts:
     """Factors exp(σ z − σ²) with σ² = ln(kurtosis/3)/4, whose mean square is 1.
 
     z is normal at every time: z = ξ_j cos θ + ξ_{j+1} sin θ, where θ goes from 0 to π/2 from one
-    node to the next and ξ are independent. A Gaussian path times them has the mean square that it
-    had and the kurtosis asked for, 3 E[factor⁴]; its density is blurred by about 1/(2 time).
+    node to the next and ξ are independent. They preserve the mean square of a Gaussian path and
+    give it the required kurtosis, 3 E[factor⁴]; the density is blurred by about 1/(2 time).
 
     `kurtosis`: above 3. `knots`: number of knots from one node to the next.
     """
@@ -159,7 +160,7 @@ class Bursts:
         self._variance = 0.25 * math.log(kurtosis / 3.0)
         self._knots = max(1, round(knots))
         self._generator = np.random.default_rng(seed)
-        # Nodes lie anywhere, so that no time differs from another.
+        # The first node is at a random time, so that the process is stationary.
         self._next = int(self._generator.integers(self._knots))
         self._nodes = self._generator.standard_normal(2)
 

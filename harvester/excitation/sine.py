@@ -1,4 +1,4 @@
-"""Harmonic base acceleration: one frequency, or several one after another."""
+"""Harmonic base acceleration: one frequency, or several in succession."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from harvester.device.keys import key, not_negative, positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 
 KNOTS_PER_PERIOD = 40
-# Straight lines through fewer points per period do not resemble a sine.
+# With fewer knots per period, straight lines do not approximate a sine.
 FEWEST_KNOTS_PER_PERIOD = 8
 DETERMINISTIC_NOTE = (
     "the excitation is periodic and deterministic: means are over whole periods, and error bars "
-    "show the remaining transient, how the means vary if the motion has another period, and the "
+    "show the remaining transient, the scatter of the means if the motion has another period, the "
     "error of the steps"
 )
 
@@ -32,8 +32,8 @@ class Harmonic(Excitation):
         return np.zeros(np.shape(frequencies))
 
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        # In resonance 2 E[X'²] = (amplitude · relaxation time)². Noise gives the relaxation time
-        # times D/(1 + ω²τ1²).
+        # At resonance 2 E[X'²] = (amplitude · relaxation time)². With noise, E[X'²] is the
+        # relaxation time times D/(1 + ω²τ1²).
         return max(
             (max(amplitude, 1e-150) ** 2 * relaxation_time, 1.0 / (2.0 * math.pi * frequency))
             for frequency, amplitude in self.lines
@@ -44,8 +44,8 @@ class Harmonic(Excitation):
 class Sine(Harmonic):
     """η = amplitude · sin(2π frequency t + phase).
 
-    Between knots η is linear; its knots are raised by 1/sinc²(ω spacing/2), so that the
-    component at the frequency itself has the amplitude asked for.
+    η is linear between knots; the factor 1/sinc²(ω spacing/2) gives the component at this frequency
+    the correct amplitude.
     """
 
     amplitude: float = not_negative("amplitude", "m/s²", "η", required=True)
@@ -81,9 +81,9 @@ class Sine(Harmonic):
 
 @table
 class SteppedSine(Harmonic):
-    """One frequency after another without a jump in phase, for frequency responses.
+    """Successive frequencies with continuous phase, for frequency responses.
 
-    Not a kind of scenes: `harvester.frequency_response` creates it.
+    Not available in scenes: `harvester.frequency_response` creates it.
 
     `amplitude` in m/s² in SI, `frequencies` in Hz, `dwell` at each in s.
     """
@@ -116,7 +116,7 @@ class SteppedSine(Harmonic):
 
 
 class SinePath(ExcitationPath):
-    """Samples of sines, each for the same time, with a phase that never jumps.
+    """Samples of successive sines of equal duration, with continuous phase.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class SinePath(ExcitationPath):
     frequencies : sequence of float
         Hz; the last one continues until the end.
     dwell : float
-        Time at each but the last (s).
+        Time at each frequency except the last (s).
     spacing : float
         Time between knots (s).
     phase : float

@@ -1,4 +1,4 @@
-"""Vibration as specified: a one-sided density by breakpoints, as standards and loggers give it."""
+"""Vibration specified by breakpoints of a one-sided density, as in standards and loggers."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
-# Knots per period of the spectrum's highest frequency: the usual number, and the least. With the
-# usual number straight lines lower the density there by 0.2 dB, which is compensated. A slow device
-# needs fewer: with the least number the first image, at three times the highest frequency, has 1.2
-# % of the density. A bridge at 46 Hz then takes half the steps under a band up to 500 Hz, and a
-# third under one up to 2 kHz.
+# Knots per period of the spectrum's highest frequency: default and minimum. With the default,
+# straight lines lower the density there by 0.2 dB, which is compensated. A slow device needs fewer:
+# with the minimum the first image, at three times the highest frequency, has 1.2 % of the density.
+# A bridge at 46 Hz then needs half the steps for a band up to 500 Hz, and a third for one up to
+# 2 kHz.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
-# A note is given if the rms of the knots exceeds that of the path between them by this share. The
-# second number is the points of the integral.
+# A note is given if the rms of the knots exceeds the rms of the interpolated path by this share.
+# The second number is the number of integration points.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
-# The blur by the filter is noted if it removes more than this share of the mean square.
+# A note is given if the filter's blur removes more than this share of the mean square.
 NOTED_LOSS = 0.01
 # Default duration of a burst, in periods of the lowest frequency.
 PERIODS_PER_BURST = 20.0
@@ -45,8 +45,8 @@ PERIODS_PER_BURST = 20.0
 class Spectrum(Excitation):
     """Stationary vibration of a given one-sided density, straight between breakpoints on log axes.
 
-    Nothing lies beyond the first and the last breakpoint. With a kurtosis above 3 the Gaussian path
-    is multiplied by factors exp(σ z − σ²) that change from one burst to the next; see
+    The density is 0 outside the breakpoints. With a kurtosis above 3 the Gaussian path is
+    multiplied by factors exp(σ z − σ²) that change from one burst to the next; see
     `harvester.excitation.shaped.Bursts`.
     """
 
@@ -56,10 +56,10 @@ class Spectrum(Excitation):
     )  # fmt: skip
     unit: str | None = word("unit of the densities", tuple(UNITS))
     kurtosis: float = key(
-        "kurtosis: 3 is Gaussian, above are bursts", low=3.0, high=30.0, default=3.0
+        "kurtosis: 3 is Gaussian; larger values give bursts", low=3.0, high=30.0, default=3.0
     )
     burst_time: float | None = positive(
-        "duration of a burst: 20 periods of the lowest frequency unless given", "s"
+        "duration of a burst: by default 20 periods of the lowest frequency", "s"
     )
     source: str = key(
         "source: the publication of the values, quoted by results", kind=str, default=""
@@ -83,8 +83,7 @@ class Spectrum(Excitation):
 
     @property
     def kept_samples(self) -> int:
-        """Samples in memory of one path's input, output and filter, at the spectrum's knot
-        spacing."""
+        """Samples in memory of one path: input, output and filter."""
         frequencies = np.array([frequency for frequency, _ in self.breakpoints])
         spacing = self.knot_spacing or 1.0 / (KNOTS_PER_PERIOD * frequencies[-1])
         return 5 * filter_length(frequencies, spacing)
@@ -108,13 +107,13 @@ class Spectrum(Excitation):
             if not low < high:
                 raise SceneError(
                     f"{origin}: excitation.breakpoints[{index}] = {high:g} Hz after {low:g} Hz: "
-                    "frequencies must ascend; write a jump as two that lie close together"
+                    "frequencies must ascend; write a jump as two close frequencies"
                 )
         if self.burst_time is not None and self.burst_time < 1.0 / frequencies[0]:
             raise SceneError(
                 f"{origin}: excitation.burst_time = {self.burst_time:g}: must be at least "
                 f"{1.0 / frequencies[0]:.3g}, a period of the lowest frequency: shorter bursts "
-                "would blur the density away"
+                "would blur the density completely"
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
         words = "a quarter of the highest frequency's period"
@@ -157,13 +156,13 @@ class Spectrum(Excitation):
         if not low <= frequency <= high and 0.0 < frequency < math.inf:
             lines.append(
                 f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
-                f"Hz, and the device moves at {frequency:.3g} Hz"
+                f"Hz, and the device resonates at {frequency:.3g} Hz"
             )
         places, density = path_density(self.points, spacing)
         lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
         if lost > NOTED_LOSS:
             lines.append(
-                f"the filter that makes the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
+                f"the filter of the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
                 f"square {lost:.1%} is lost at edges and peaks"
             )
         if self.kurtosis > 3.0:

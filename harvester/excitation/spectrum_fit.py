@@ -1,4 +1,4 @@
-"""Ornstein–Uhlenbeck noise fitted to a record's spectrum, and how far the record is from it."""
+"""Ornstein–Uhlenbeck noise fitted to a record's spectrum, and the record's deviation from it."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from harvester.excitation.recorded import one_pass
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Number of segments whose periodograms are averaged, without the half-overlapping ones.
+# Number of averaged segments, not counting those that overlap two others by half.
 STRETCHES = 16
-# The noise is fitted and compared up to these shares of half the sampling rate. Above, sampling
-# folds the tail of the noise back: at these shares by 5 % and 23 % of the density.
+# Upper limits of fit and comparison, as shares of half the sampling rate. Aliasing of the noise's
+# tail raises the density there by 5 % and 23 %.
 FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
-# The fitted band leaves out this share of the variance at each end. A stop band would weigh as much
-# as any other in the logarithm, though the device does not respond to it.
+# The fitted band excludes this share of the variance at each end. In the logarithm a stop band
+# would have as much weight as other bands, although the device does not respond to it.
 LEFT_OUT_SHARE = 0.01
 # Fewest frequencies in the fitted band.
 FEWEST_FREQUENCIES = 8
 # If ω τ1 at the lowest frequency exceeds this, the record determines only D/τ1².
 FALLING_CORNER_RATIO = 10.0
-# Deviation in dB from which the record is called far from Ornstein–Uhlenbeck noise.
+# Deviation in dB above which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
-# Likewise for the share of the variance that the fit misses, and for the excess kurtosis.
+# The same limit for the unexplained share of the variance, and for the excess kurtosis.
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
-# The parameters, each with an error, and the other keys in JSON.
+# The parameters with an error, and the other keys in JSON.
 _PARAMETERS = ("intensity", "correlation_time")
 _KEYS = {
     "lowest_frequency": "lowest",
@@ -46,25 +46,25 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class SpectrumFit:
-    """The fit and its evidence; densities one-sided per hertz, (m/s²)²/Hz in SI.
+    """The fit and its quality; densities are one-sided, (m/s²)²/Hz in SI.
 
     Attributes
     ----------
     intensity, correlation_time : D (m²/s³ in SI) and τ1 (s) of S(ω) = D/(π (1 + ω² τ1²)).
     intensity_error, correlation_time_error
-        Standard errors for stationary Gaussian noise of this
-        spectrum; infinite where the fitted band does not show the parameter.
+        Standard errors for stationary Gaussian noise of this spectrum; infinite if the fitted band
+        does not determine the parameter.
     frequency, density, fitted
         Shape (n,); Hz; the record's density and the fit, over the compared
         band.
     lowest, highest
-        Hz; the fit uses the band between, which has nearly all of the variance.
+        Hz; the fitted band, which contains nearly all of the variance.
     device_frequency : Hz, of small oscillations.
     decibels
-        The record's density over the fit's in the octave around the device's frequency; nan
-        where the compared band does not hold it.
+        The record's density relative to the fit in the octave around the device's frequency; nan if
+        the compared band does not contain it.
     unexplained
-        Share of the band's variance that lies apart from the fit, in thirds of octaves.
+        Share of the band's variance not explained by the fit, in third octaves.
     excess_kurtosis
         Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
         an envelope.
@@ -86,7 +86,7 @@ class SpectrumFit:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the record is far from Ornstein–Uhlenbeck noise; empty where it is not."""
+        """Reasons why the record is far from Ornstein–Uhlenbeck noise; empty if it is close."""
         differences = []
         if math.isnan(self.decibels):
             differences.append(
@@ -98,15 +98,15 @@ class SpectrumFit:
                 f"{self.decibels:+.1f} dB from the fit"
             )
         if self.unexplained > FAR_SHARE:
-            differences.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
+            differences.append(f"{self.unexplained:.0%} of its variance is unexplained by the fit")
         if abs(self.excess_kurtosis) > FAR_KURTOSIS:
             differences.append(
-                f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0"
+                f"its excess kurtosis is {self.excess_kurtosis:.1f}, that of the noise 0"
             )
         return tuple(differences)
 
     def notes(self) -> tuple[str, ...]:
-        """The fit and its distance, one line each."""
+        """The fit and the record's deviation from it, one line each."""
         fit = (
             "noise fitted to the record's spectrum from "
             f"{self.lowest:.3g} to {self.highest:.3g} Hz: "
@@ -117,8 +117,8 @@ class SpectrumFit:
             return (
                 fit,
                 f"the record is close to it: {self.decibels:+.1f} dB around the device's "
-                f"{self.device_frequency:.3g} Hz, {self.unexplained:.0%} of the variance apart "
-                f"from the fit, excess kurtosis {self.excess_kurtosis:.1f}",
+                f"{self.device_frequency:.3g} Hz, {self.unexplained:.0%} of the variance not "
+                f"explained, excess kurtosis {self.excess_kurtosis:.1f}",
             )
         return (fit, f"the record is FAR from Ornstein–Uhlenbeck: {'; '.join(self.reasons)}")
 
@@ -134,9 +134,9 @@ class SpectrumFit:
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> SpectrumFit:
-        """The fit that `to_dict` made plain values of, without its spectra.
+        """Rebuild a fit, without its spectra, from the values of `to_dict`.
 
-        Raises NotAValue, KeyError, TypeError if these are no such values.
+        Raises NotAValue, KeyError or TypeError for other values.
         """
         values: dict[str, Any] = dict.fromkeys(("frequency", "density", "fitted"), np.empty(0))
         for name in _PARAMETERS:
@@ -150,14 +150,14 @@ class SpectrumFit:
 def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit:
     """Fit D and τ1 by Whittle's likelihood to an averaged periodogram.
 
-    Raises AveragingError for too short a record, or too narrow a band.
+    Raises AveragingError if the record is too short or the band too narrow.
 
     Notes
     -----
     Minimises Σ [log S + P/S] (P. Whittle, Ark. Mat. 2, 423 (1953)) over Welch's estimate P with
-    Hann windows that overlap by half; errors from the expected information, with as many
-    independent values as the record has in the band. The sampled noise's tail, folded back,
-    makes τ1 of exactly sampled noise some percent too short.
+    Hann windows that overlap by half; errors follow from the expected information, with the
+    record's number of independent values in the band. Aliasing of the noise's tail makes τ1 some
+    percent too short.
     """
     from scipy import optimize, signal, stats
 
@@ -169,8 +169,8 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     in_band &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
     if np.count_nonzero(in_band) < FEWEST_FREQUENCIES:
         raise AveragingError(
-            f"the record shows only {np.count_nonzero(in_band)} frequencies to fit, and "
-            f"{FEWEST_FREQUENCIES} are the fewest: a longer record, or a wider excitation.band"
+            f"the record shows only {np.count_nonzero(in_band)} frequencies to fit; at least "
+            f"{FEWEST_FREQUENCIES} are needed: use a longer record or a wider excitation.band"
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
     in_band, frequency, density = in_band[compared], frequency[compared], density[compared]
@@ -190,8 +190,8 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     fitted = _model(frequency, intensity, time)
     if 2.0 * np.pi * frequency[in_band][0] * time > FALLING_CORNER_RATIO:
         raise AveragingError(
-            "the record's density falls over its whole band and shows no D: a longer record is "
-            "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
+            "the record's density falls over its whole band and gives no D: a longer record is "
+            "needed, or it is not Ornstein–Uhlenbeck noise; simulate"
         )
     # ∫|P − S| over ∫P, each first averaged over thirds of octaves.
     thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
@@ -215,8 +215,7 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
 
 
 def _band(record, frequency, high):
-    """The frequencies that are fitted: above the trend of the stretches, within the record's
-    band."""
+    """The fitted frequencies: above the segments' trend, within the record's band."""
     low = 2.0 * frequency[1]
     if record.band is not None:
         low, high = max(low, record.band[0]), min(high, record.band[1])

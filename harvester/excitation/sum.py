@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 
-# Sines have a common period if the ratio of their frequencies equals a fraction with at most the
-# first as denominator, to within the second.
+# Sines have a common period if the ratio of their frequencies equals, to within SAME_RATIO, a
+# fraction with a denominator of at most MOST_REPEATS.
 MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 
 
 def common_period(periods: Sequence[float]) -> float | None:
-    """The shortest time of whole periods of each (s), where their ratios are simple; else None."""
+    """Common period (s): the shortest multiple of all; None unless their ratios are simple."""
     first = periods[0]
     ratios = [Fraction(period / first).limit_denominator(MOST_REPEATS) for period in periods]
     pairs = zip(periods, ratios, strict=True)
@@ -42,11 +42,11 @@ def common_period(periods: Sequence[float]) -> float | None:
 class Sum(Excitation):
     """Sum of several excitations with independent random numbers.
 
-    White noise is as wide as the common knots.
+    The common knots limit the band of white noise.
     """
 
     parts: tuple = key(
-        "parts: tables like [excitation] itself",
+        "parts: tables like [excitation]",
         element=Key(kind=dict), count=(1, 100), required=True,
     )  # fmt: skip
     kind: str = "sum"
@@ -74,7 +74,7 @@ class Sum(Excitation):
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
-        """Lines of all parts; sines of one frequency are one line, the sum of their phasors."""
+        """Lines of all parts; sines of equal frequency are one line, the sum of their phasors."""
         phasors: dict[float, complex] = {}
         others: list[tuple[float, float]] = []
         for part in self._leaves():
@@ -88,7 +88,7 @@ class Sum(Excitation):
         return (*((frequency, abs(phasor)) for frequency, phasor in phasors.items()), *others)
 
     def _leaves(self):
-        """The parts; nested sums are replaced by their parts."""
+        """The parts, with nested sums replaced by their parts."""
         nested = (part._leaves() if isinstance(part, Sum) else [part] for part in self.parts)
         return [leaf for leaves in nested for leaf in leaves]
 
@@ -119,14 +119,14 @@ class Sum(Excitation):
         for index, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
-                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, next to "
-                    "which no other part acts: make it the whole excitation, or take it out"
+                    f"{origin}: excitation.parts[{index}]: a prescribed_displacement cannot be "
+                    "combined with other parts: make it the whole excitation, or remove it"
                 )
             part.check(units, run, f"{origin}: parts[{index}]")
         if self.kept_samples > most_samples():
             raise SceneError(
                 f"{origin}: excitation.parts: the records have {self.kept_samples} samples in all, "
-                f"and this machine's memory allows {most_samples()}: take fewer or shorter ones"
+                f"and this machine's memory allows {most_samples()}: use fewer or shorter records"
             )
 
     def spacing(self, longest: float) -> float:
@@ -134,7 +134,7 @@ class Sum(Excitation):
         return self.knot_spacing or closest
 
     def _on_common_knots(self):
-        """The parts, each with the sum's own spacing where it has one."""
+        """The parts, with the sum's `knot_spacing` if it is given."""
         if self.knot_spacing is None:
             return self.parts
         return [replace(part, knot_spacing=self.knot_spacing) for part in self.parts]
@@ -153,7 +153,7 @@ class Sum(Excitation):
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
-        # Properties of one sine hold for the sum only if the sum is periodic too.
+        # The note on one sine applies to the sum only if the sum is periodic too.
         lost = DETERMINISTIC_NOTE if self.random or self.period is None else ""
         return tuple(dict.fromkeys(line for part in lines for line in part if line != lost))
 

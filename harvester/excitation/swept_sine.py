@@ -1,4 +1,4 @@
-"""A sine whose frequency sweeps up and down at a constant number of octaves a minute."""
+"""A sine whose frequency sweeps up and down at a constant number of octaves per minute."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from harvester.device.keys import not_negative, positive, table
 from harvester.excitation.base import ExcitationPath, Run, knots
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 
-# Frequencies of the sweep at which the choice of the step examines the resonance.
+# Number of sweep frequencies at which the choice of the step checks for resonance.
 LINES = 24
 
 
 @table
 class SweptSine(Harmonic):
-    """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.
+    """η = amplitude · sin(φ), φ' = 2π f, with f from `frequency` to `end_frequency` and back.
 
-    Between knots η is linear; the knots are raised as in `Sine`.
+    η is linear between knots; the amplitude is compensated as in `Sine`.
     """
 
     amplitude: float = not_negative("amplitude", "m/s²", "η", required=True)
-    frequency: float = positive("frequency: where the sweep begins", "Hz", required=True)
+    frequency: float = positive("frequency: at the start of the sweep", "Hz", required=True)
     end_frequency: float = positive("end frequency: where it turns back", "Hz", required=True)
     octaves_per_minute: float = positive("octaves per minute", "1/min", default=1.0)
     kind: str = "swept-sine"
@@ -44,8 +44,8 @@ class SweptSine(Harmonic):
     def check(self, units: str, run: Run, origin: str) -> None:
         if self.frequency == self.end_frequency:
             raise SceneError(
-                f"{origin}: excitation.end_frequency = {self.end_frequency:g}: is where the sweep "
-                'begins; take another, or kind = "sine"'
+                f"{origin}: excitation.end_frequency = {self.end_frequency:g}: is the sweep's "
+                'start; choose another, or kind = "sine"'
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self._highest)
         self._check_knot_spacing(longest, "an eighth of the sine's shortest period", origin)
@@ -61,12 +61,12 @@ class SweptSine(Harmonic):
         once = 60.0 * octaves / self.octaves_per_minute
         return (
             f"a sine sweeps from {self.frequency:g} to {self.end_frequency:g} Hz in {once:.4g} s "
-            "and back: means are over the frequencies that the run passes",
+            "and back: means are over the frequencies within the run",
         )
 
 
 class SweptPath(ExcitationPath):
-    """Samples of a swept sine, whose phase never jumps.
+    """Samples of a swept sine with continuous phase.
 
     `spacing`: time between knots (s). `length`: see `Excitation.path`.
     """

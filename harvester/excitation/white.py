@@ -1,4 +1,4 @@
-"""White noise, band-limited by its knots: independent values, linear between them."""
+"""White noise, band-limited by its knots: independent values with linear interpolation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class White(Excitation):
     give the density D/π · sinc⁴(ω spacing/2): D/π at low frequency, half of it at 0.32/spacing
     hertz, and an autocorrelation of area 2 D.
 
-    With `knot_spacing` left out, 0.4 % of the density is lost at the device's frequency.
+    With the default `knot_spacing`, 0.4 % of the density is lost at the device's frequency.
     """
 
     intensity: float = positive("noise intensity D: density D/π", "m²/s³", "D", required=True)

@@ -1,1 +1,1 @@
-"""A device for other tools: netlists, blocks, compiled models, traces; the explorer."""
+"""Exports for other tools: netlists, blocks, compiled models, traces; the explorer."""

@@ -1,4 +1,4 @@
-"""A device as a `.subckt` or a Verilog-A module, with a deck that tries it and its vibration."""
+"""Writes a device as a `.subckt` or a Verilog-A module, with a test deck and its vibration."""
 
 from __future__ import annotations
 
@@ -30,14 +30,13 @@ from harvester.scene.steps import STEP_LEVELS, knot_spacing
 if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
-# Periods of the device that the deck runs by default.
+# Default duration of the deck, in periods of the device.
 TEST_PERIODS = 25
-# Tolerance of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9
-# the error of the path of the scene `tristable` fell by half. A rectifier does not converge at
-# 1e-9.
+# Tolerance of the deck: with ngspice's default of 1e-3 Newton's iterations end early; from 1e-6 to
+# 1e-9 the path error of the scene `tristable` halves. A rectifier does not converge at 1e-9.
 TOLERANCES = "reltol=1e-9"
 POINTS_PER_LINE = 4
-# Names that end like this are files, not folders.
+# Endings of names that are files, not folders.
 DATA_SUFFIXES = (".csv", ".h5", ".hdf5")
 
 
@@ -64,12 +63,12 @@ class Block:
 
     @property
     def comment(self) -> list[str]:
-        """The head of the block's file, see `circuits.equivalent.block.head.head`."""
+        """The header of the block's file; see `circuits.equivalent.block.head.head`."""
         return head(self.ready, self.parameters)
 
     @property
     def load_resistance(self) -> float:
-        """Resistance (Ω) of the scene's resistor, else one that takes power well."""
+        """Resistance (Ω) of the scene's resistor, else a nearly optimal one."""
         table, resistance = self.ready.scene.transducer, self.ready.setting.resistance
         return resistance or table.matched_resistance(self.parameters.rate)
 
@@ -88,9 +87,9 @@ def block_of(
     step : str or float
         Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
     realization : int
-        Number of the realization with the vibration and start.
+        Number of the realization that defines vibration and start.
     displacement_unit : float
-        Metres for a volt at the pin `x`.
+        Metres per volt at the pin `x`.
     duration : float or None
         Duration of the deck (s); None: `TEST_PERIODS`.
 
@@ -130,7 +129,7 @@ def folder_of(output: str | Path, kind: str) -> Path:
     if Path(output).suffix.lower() in DATA_SUFFIXES and not Path(output).is_dir():
         folder = Path(output).with_suffix("")
         raise HarvesterError(
-            f"--as {kind} names its files itself: --output {output} is to be a folder, such as "
+            f"--as {kind} chooses file names: --output {output} must be a folder, such as "
             f"--output {folder}"
         )
     check_folder(output)
@@ -138,7 +137,7 @@ def folder_of(output: str | Path, kind: str) -> Path:
 
 
 def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
-    """Write texts under their names into a folder; returns the paths."""
+    """Write texts to files of these names in a folder; returns the paths."""
     paths = [in_folder(folder, name) for name in files]
     for path, text in zip(paths, files.values(), strict=True):
         write_text(path, text)
@@ -154,7 +153,7 @@ def write_subcircuit(
     displacement_unit: float = 1e-3,
     duration: float | None = None,
 ) -> list[Path]:
-    """Write the sub-circuit, a symbol, a deck that tries it and the vibration.
+    """Write the sub-circuit, a symbol, a test deck and the vibration.
 
     Parameters
     ----------
@@ -170,7 +169,7 @@ def write_subcircuit(
     block = block_of(setup, step, realization, displacement_unit, duration)
     comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
-        # These simulators may read a file as one-byte characters.
+        # These simulators may not read multi-byte characters.
         comment = comment.encode("ascii", "replace").decode()
     name, library = block.name, f"{block.name}.lib"
     files = {library: comment + in_dialect(subcircuit(name, block.parameters), dialect)}
@@ -191,7 +190,7 @@ def write_verilog_a(
     displacement_unit: float = 1e-3,
     duration: float | None = None,
 ) -> list[Path]:
-    """Write the Verilog-A module, a deck for VACASK and one for an ngspice with OSDI.
+    """Write the Verilog-A module, a deck for VACASK and one for ngspice with OSDI.
 
     Parameters
     ----------
@@ -208,10 +207,11 @@ def write_verilog_a(
 
 
 def _vacask_deck(block):
-    """VACASK compiles a module that it is to load.
+    """A deck for VACASK, which compiles the module itself.
 
-    It takes a step of first order after every knot of the vibration, which only its tolerance
-    shortens: 25 periods of the scene `tristable` came out 1.3e-4 off at 1e-9, 1.4e-5 at 1e-10.
+    After every knot of the vibration VACASK takes a first-order step, which only its tolerance
+    shortens: over 25 periods of the scene `tristable` the error was 1.3e-4 at 1e-9, 1.4e-5 at
+    1e-10.
     """
     points = ", ".join(f"{float(time)!r}, {float(value)!r}" for time, value in block.vibration)
     name, step, stop = block.name, float(block.step), float(block.stop)
@@ -254,7 +254,7 @@ Nharvester p 0 base x {name}
 
 
 def _vibration_file(block, dialect):
-    """ngspice reads no PWL points from a file, so the file holds the source."""
+    """ngspice cannot read PWL points from a file, so its file contains the whole source."""
     points = [f"{float(time)!r} {float(value)!r}" for time, value in block.vibration]
     if dialect != "ngspice":
         return {f"{block.name}_vibration.txt": "\n".join(points) + "\n"}
@@ -267,7 +267,7 @@ def _vibration_file(block, dialect):
 
 
 def _deck(block, dialect):
-    """A deck that runs unchanged: vibration, block, load, and an analysis with a step limit."""
+    """A complete deck: vibration, block, load, and an analysis with a step limit."""
     name, vibration = block.name, f"{block.name}_vibration"
     source = {
         "ngspice": f'.include "{vibration}.inc"',
@@ -307,7 +307,7 @@ def _tolerances(block):
 
 
 def load_of(block: Block, dialect: str = "ngspice") -> str:
-    """The scene's load on the node p in ngspice's words, else a resistor."""
+    """The scene's load at the node p in ngspice's syntax, else a resistor."""
     load = block.ready.scene.load.circuit
     if load is None or load.resistance or dialect not in ("ngspice", "ltspice"):
         return f"Rload p 0 {block.load_resistance!r}\n"

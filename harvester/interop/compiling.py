@@ -1,4 +1,4 @@
-"""A C compiler, where one is there, and shared libraries by it."""
+"""Finds a C compiler and compiles shared libraries."""
 
 from __future__ import annotations
 
@@ -14,18 +14,15 @@ from harvester.base.errors import ExportError, ProgramNotFound
 from harvester.base.temporary import TemporaryFolder
 
 LIBRARY = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-# Time limit of the compiler (s); the sources take it half a second, so a slower one hangs.
+# Time limit of the compiler (s), which normally needs half a second.
 TIME_LIMIT = 120.0
-NO_COMPILER = (
-    "no C compiler (cc, gcc, clang, or the one that CC names) is here: install one, or pip install "
-    "ziglang"
-)
+NO_COMPILER = "no C compiler (cc, gcc, clang, or CC) was found: install one, or pip install ziglang"
 
 
 @cache
 def compiler() -> tuple[str, ...] | None:
-    """Words that call a C compiler: CC, else cc, gcc or clang, else Zig's from PyPI; or None."""
-    # Relative entries of PATH are left out: a compiler in the working folder is never called.
+    """Command of a C compiler: CC, else cc, gcc or clang, else Zig's from PyPI; or None."""
+    # Relative entries of PATH are ignored: a compiler in the working folder is never called.
     path = os.pathsep.join(filter(os.path.isabs, os.get_exec_path()))
     for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
         program = shutil.which(name, path=path)
@@ -40,16 +37,16 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
     Parameters
     ----------
     files : dict of str to str
-        Texts by file names; all that end in .c are compiled.
+        Texts by file name; all .c files are compiled.
     target : str or Path
-        The library's file.
+        Path of the library.
 
     Raises
     ------
     ProgramNotFound
         There is no compiler.
     ExportError
-        It refuses the sources.
+        The compiler fails.
     """
     words = compiler()
     if words is None:
@@ -58,7 +55,7 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, "utf-8")
         sources = [name for name in files if name.endswith(".c")]
-        # No fused multiply-add: it would change the last digit from processor to processor.
+        # No fused multiply-add: the last digit would depend on the processor.
         options = ["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared"]
         if sys.platform != "win32":
             options.append("-fPIC")
@@ -70,6 +67,6 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise ExportError(f"{words[0]}: cannot compile the device: {error}") from None
     if done.returncode != 0:
-        lines = done.stderr.strip().splitlines() or ["it says nothing"]
+        lines = done.stderr.strip().splitlines() or ["no message"]
         message = next((line for line in lines if "error" in line), lines[0])
         raise ExportError(f"{words[0]}: cannot compile the device: {message}")

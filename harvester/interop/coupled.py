@@ -1,6 +1,6 @@
-"""A device in steps, for electronics that another program simulates: `harvester.coupled`.
+"""`harvester.coupled`: a device for co-simulation with electronics in another program.
 
-The same compiled code as in an FMU is called, as an FMU's importer calls it.
+It calls the same compiled code as an importer of the FMU.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from harvester.scene.calling import takes_scene
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Number of the excitation's knots that are read at a time.
+# Number of excitation knots read at a time.
 KNOTS = 4096
 # Numbers of these variables in `sources/fmi.h`.
 TERMINAL, START_STATE = 2, 6
 
 
 class Energies(NamedTuple):
-    """Energies since the beginning (J); the input equals the sum of all others.
+    """Energies since the beginning (J); the input is the sum of the others.
 
     Attributes
     ----------
     input
-        Put in by the base.
+        From the base.
     stored
-        Gained by mass, spring, contacts and transducer.
+        Increase in mass, spring, contacts and transducer.
     damper, contacts, transducer
-        Lost there.
+        Losses in these parts.
     delivered
         Out of the terminals.
     """
@@ -53,16 +53,16 @@ class Energies(NamedTuple):
 
 @takes_scene
 def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0) -> Coupled:
-    """A scene's device to be stepped by hand, under the scene's own excitation.
+    """A scene's device, stepped by the caller, under the scene's excitation.
 
-    The calls of `advance` are its load; the scene's load is ignored.
+    The caller of `advance` is the load; the scene's load is ignored.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene in SI units.
     realization : int
-        Number of the realization with the excitation and start.
+        Number of the realization that defines excitation and start.
     load_resistance : float
         Resistor across a piezo, or in series with a coil (Ω); 0: none.
 
@@ -73,13 +73,13 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
     Raises
     ------
     ExportError
-        The scene has no such form, see `harvester export --as c`.
+        The scene cannot be exported, see `harvester export --as c`.
     ProgramNotFound
         There is no C compiler.
 
     Examples
     --------
-    A resistor of 100 kΩ, a millisecond at a time::
+    A resistor of 100 kΩ, with exchanges every millisecond::
 
         device = harvester.coupled("paper_si")
         while device.time < 10.0:
@@ -91,7 +91,7 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
 
 
 class Coupled:
-    """A piezo that takes a current and gives a voltage, or a coil that takes a voltage.
+    """A piezo with the terminal current as input, or a coil with the terminal voltage.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Coupled:
     Attributes
     ----------
     time : float
-        Simulated time so far (s).
+        Present simulated time (s).
     """
 
     def __init__(self, scene: Scene, realization: int, load_resistance: float) -> None:
@@ -136,7 +136,7 @@ class Coupled:
         self._set("base_acceleration", self._knots[0])
 
     def advance(self, time: float, terminal: float = 0.0) -> float:
-        """Go on to a time, between which and now the terminal's current or voltage is held.
+        """Advance to a time, with constant current or voltage at the terminals.
 
         Parameters
         ----------
@@ -148,19 +148,19 @@ class Coupled:
         Returns
         -------
         float
-            Voltage of the piezo there (V), or the coil's current (A).
+            Voltage of the piezo at that time (V), or the coil's current (A).
 
         Raises
         ------
         HarvesterError
-            The time lies before now, or a value is not finite.
+            The time is before `self.time`, or a value is not finite.
         SpringRangeLeft
         SimulationError
         """
         if not (time >= self.time and math.isfinite(time) and math.isfinite(terminal)):
             raise HarvesterError(
-                f"{self._name}: advance({time:g}, {terminal:g}): give a time from {self.time:g} s "
-                "on, and a finite value"
+                f"{self._name}: advance({time:g}, {terminal:g}): give a time ≥ {self.time:g} s "
+                "and a finite value"
             )
         self._set(self._terminal, terminal)
         while self.time < time:
@@ -203,13 +203,13 @@ class Coupled:
 
     @property
     def energies(self) -> Energies:
-        """Energies that entered, were lost and are stored since the beginning (J)."""
+        """Input, lost and stored energies since the beginning (J)."""
         return Energies(*(self._get(f"energy_{name}") for name in Energies._fields))
 
     def _segment(self) -> tuple[float, float, float]:
-        """Base acceleration now, its slope, and the time of the next knot."""
+        """Present base acceleration, its slope, and the time of the next knot."""
         spacing = self._path.spacing
-        # A knot that is reached up to rounding counts as passed.
+        # A knot within rounding counts as passed.
         knot = math.floor(self.time / spacing + 1e-9)
         while knot + 1 >= self._first + self._knots.size:
             self._first += self._knots.size - 1
@@ -236,7 +236,7 @@ class Coupled:
         if not low <= self.displacement <= high:
             raise SpringRangeLeft(
                 f"{self._name}: at {self.time:g} s the displacement of {self.displacement:g} m is "
-                f"out of the spring's range, {low:g} to {high:g} m"
+                f"outside the spring's range, {low:g} to {high:g} m"
             )
         raise SimulationError(
             f"{self._name}: before {self.time:g} s the device's step became too short: exchange "
@@ -246,7 +246,7 @@ class Coupled:
 
 @functools.lru_cache(maxsize=8)
 def _library(files: tuple[tuple[str, str], ...]) -> tuple[ctypes.CDLL, TemporaryFolder]:
-    """The compiled device, and the folder in which it lies as long as it is used."""
+    """The compiled device, and its folder, which exists as long as it is used."""
     folder = TemporaryFolder()
     path = Path(folder.name) / f"device{LIBRARY}"
     compile_library(dict(files), path)

@@ -1,4 +1,4 @@
-"""A whole deck of a scene, with its load and its noise: `harvester netlist`."""
+"""`harvester netlist`: a complete deck of a scene, with load and noise."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_deck(
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     realization : int
-        Number of the realization with the noise path.
+        Number of the realization that defines the noise path.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def write_deck(
     scene, target = setup.scene, output
     if is_stream(target) and dialect != "ngspice":
         raise HarvesterError(
-            "--dialect ltspice writes a second file, the noise: name a file by --output FILE.cir"
+            "--dialect ltspice also writes a noise file: name the deck by --output FILE.cir"
         )
     if not is_stream(target) and (Path(target).is_dir() or not Path(target).suffix):
         target = in_folder(target, f"{scene.name}.cir")

@@ -1,7 +1,7 @@
-"""The device as C: equations generated from its parts' formulas, and a fixed stepper.
+"""The device as C code: equations generated from its parts' formulas, and a fixed integrator.
 
-`sources/` holds the stepper, `harvester_device.c`, and the FMU's additions. It is compiled together
-with `equations.h`, which holds one device's numbers and forces in SI.
+`sources/` contains the integrator, `harvester_device.c`, and the FMU's additions. It is compiled
+with `equations.h`, which contains one device's values and forces in SI.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ STEPPER = ("harvester_device.h", "harvester_device.c")
 
 
 def source(name: str) -> str:
-    """Text of a file of `sources/`, with the licence ahead."""
+    """Text of a file in `sources/`, preceded by the licence."""
     text = resources.files("harvester.interop").joinpath("sources", name).read_text("utf-8")
     return HEAD + text
 
 
 def write_c(setup: Prepared, output: str | Path) -> list[Path]:
-    """Write the device as C: stepper and equations.
+    """Write the device as C: integrator and equations.
 
     Parameters
     ----------
@@ -49,20 +49,20 @@ def write_c(setup: Prepared, output: str | Path) -> list[Path]:
     Raises
     ------
     ExportError
-        The device has no SI form, or parts without C.
+        The device is not in SI, or has parts without C code.
     """
     return write_files(folder_of(output, "c"), device_files(setup))
 
 
 def device_files(setup: Prepared) -> dict[str, str]:
-    """Texts of the stepper's and the equations' files by their names."""
+    """Texts of the files of integrator and equations, by name."""
     files = {name: source(name) for name in STEPPER}
     files["equations.h"] = equations(setup)
     return files
 
 
 def equations(setup: Prepared) -> str:
-    """The text of `equations.h`: one device's numbers and forces.
+    """The text of `equations.h`: one device's values and forces.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def equations(setup: Prepared) -> str:
     constants: dict[str, str] = {}
 
     def named(key: str, value: float, *meaning: str) -> str:
-        # Formulas are of the circuit, whose time is in units of 1/rate: here of a second.
+        # The circuit's formulas have the time unit 1/rate; here it is 1 s.
         comment = f" /* {meaning[0].replace('/rate^2', '')} */" if meaning and meaning[0] else ""
         constants[key] = f"static const double {key} = {number(value)};{comment}\n"
         return key
@@ -170,7 +170,7 @@ def _forces(s: System, named: Any) -> str:
 
 
 def _contacts(s: System, named: Any) -> str:
-    """Positions at which contacts begin, and a function of the force of each."""
+    """Positions at which contacts begin, and a function for their forces."""
     pairs = list(named_contacts(s))
     cases = ""
     for k, (name, contact) in enumerate(pairs):
@@ -200,10 +200,10 @@ def _function(name: str, argument: str, formula: str) -> str:
 
 
 def c_text(formula: str) -> str:
-    """An expression of circuits and Verilog-A as C: sizes are `fabs`."""
+    """Convert an expression of circuits and Verilog-A to C: abs becomes `fabs`."""
     return re.sub(r"\babs\(", "fabs(", formula)
 
 
 def c_number(value: float) -> str:
-    """A float as C reads it back to the last bit."""
+    """Format a float so that C reads it back exactly."""
     return number(value).replace("inf", "HUGE_VAL")

@@ -1,7 +1,7 @@
-"""`explore`: sliders over a scene's numbers, and a picture that follows them within a second.
+"""`explore`: sliders for a scene's values, and a picture updated within a second.
 
-Numbers and waveform come from a short Monte Carlo run, while the stationary solver finds the
-densities on its coarse grid: both in worker processes.
+Values and waveform come from a short Monte Carlo run, densities from the stationary solver on a
+coarse grid; both run in worker processes.
 """
 
 from __future__ import annotations
@@ -38,34 +38,34 @@ from harvester.statistics.estimate import Density
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Default sliders: the keys of this list that the scene has.
+# Default sliders, if the scene has these keys.
 USUAL_KEYS = (
     "intensity", "correlation_time", "damping", "gap", "coupling", "resistance", "decay_rate",
 )  # fmt: skip
-# Default range of a slider: the scene's value divided by and multiplied by this.
+# Default range of a slider: the scene's value divided and multiplied by this.
 RANGE_RATIO = 3.0
 # A slider whose range exceeds this ratio is logarithmic.
 LOGARITHMIC_RATIO = 3.0
-# Monte Carlo's steps in a picture, which take a quarter of a second, and the fewest realizations.
+# Monte Carlo's steps per picture, about a quarter of a second, and fewest realizations.
 STEPS_SHOWN, FEWEST_REALIZATIONS = 1_000_000, 2
-# Relative run time of a step: a netlist takes 4 times as long, a switching load 20 times.
+# Run time per step relative to a resistor: of a netlist, and of a switching load.
 NETLIST_COST, SWITCHING_COST = 4, 20
 # Length of the waveform in periods of small oscillations.
 WAVEFORM_PERIODS = 25
-# Wall-clock limit of one realization, in seconds. A setting that takes longer is refused.
+# Wall-clock limit of one realization, in seconds; slower settings are rejected.
 TIME_LIMIT = 60.0
 # Margins of the picture.
 MARGINS = {"left": 0.115, "right": 0.98, "bottom": 0.1, "top": 0.93, "hspace": 0.34}
 # Steps of a slider.
 SLIDER_STEPS = 100
-# Opacity of a picture that does not belong to the present setting of the sliders.
+# Opacity of a picture that does not match the sliders' present setting.
 LOST = "0.35"
 QUANTITIES = ("mean_power", "power_conversion_efficiency", "mean_output_power", "rms_voltage")
 
 
 @dataclass(frozen=True)
 class SliderSetting:
-    """The numbers and densities at one setting of the sliders.
+    """Results and densities at one setting of the sliders.
 
     Attributes
     ----------
@@ -74,11 +74,11 @@ class SliderSetting:
     result : Result
         The result of Monte Carlo.
     outline : dict of str to Density
-        Densities by the stationary solver, on a coarse grid; empty where it does not hold.
+        Densities by the stationary solver, on a coarse grid; empty if it is not valid.
     refusal : str
-        Why it does not, in one line.
+        Why the solver is not valid, in one line.
     seconds : float
-        Wall time that the view took (s).
+        Wall time of the computation (s).
     """
 
     scene: Scene
@@ -107,7 +107,7 @@ class Explorer:
     Attributes
     ----------
     view : SliderSetting
-        The view at the last setting that could be shown.
+        The view at the last valid setting.
     picture : bytes
         The picture of the view as PNG.
     """
@@ -123,21 +123,21 @@ class Explorer:
 
     @property
     def scene(self) -> Scene:
-        """The scene as the sliders have it, with its whole run."""
+        """The scene with the sliders' values and its full run."""
         return self.view.scene.replace(run=self._origin.to_tables()["run"])
 
     def at(self, values: Mapping[str, float]) -> SliderSetting:
-        """The view of other values of the scene, kept as `view`.
+        """Compute the view for other values of the scene, and store it as `view`.
 
         Parameters
         ----------
         values : dict of str to float
-            Dotted keys to values; other keys keep the values of the explored scene.
+            Values by dotted key; other keys keep the scene's values.
 
         Raises
         ------
         HarvesterError
-            A value that the scene cannot have, or a run that failed.
+            A value is invalid, or the run failed.
         """
         clock = time.perf_counter()
         shown = cut_short(prepared(self._origin.replace(dict(values))))
@@ -172,20 +172,20 @@ class Explorer:
 def explore(
     scene: Scene, over: Iterable[str] | Mapping[str, tuple[float, float]] | None = None
 ) -> Explorer:
-    """Sliders over a scene's numbers in a notebook, with a picture that follows them.
+    """Sliders for a scene's values in a notebook, with a picture that follows them.
 
-    The last line of a cell shows it: p(X), p(X') and p(V) by the stationary solver and by Monte
-    Carlo, power and efficiency with their standard errors, and a waveform. The first picture takes
-    some ten seconds, in which code is compiled, later ones under a second with a resistor as load.
-    Without ipywidgets (extra `notebooks`) it is one picture; `Explorer.at` gives others.
+    As the last line of a cell it displays p(X), p(X') and p(V) by the stationary solver and by
+    Monte Carlo, power and efficiency with standard errors, and a waveform. The first picture takes
+    about ten seconds for compilation, later ones less than a second with a resistor as load.
+    Without ipywidgets (extra `notebooks`) there is one picture; `Explorer.at` gives others.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     over : iterable of str, or dict of str to (float, float), optional
-        Dotted keys, such as "stoppers.gap", or each with the ends of its slider; by default a
-        third of the scene's value to three times it. None: noise, damping, gap, coupling, load.
+        Dotted keys, such as "stoppers.gap", or keys with the ends of their sliders; by default a
+        third to three times the scene's value. None: noise, damping, gap, coupling, load.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def explore(
     Raises
     ------
     HarvesterError
-        No such number, no range; or the scene itself cannot be simulated.
+        A key or range is invalid, or the scene cannot be simulated.
     """
     usual = [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
     keys = usual if over is None else [over] if isinstance(over, str) else over
@@ -224,7 +224,7 @@ def outlined(prepared_scene: Prepared, report: Callable) -> dict[str, Density]:
     Raises
     ------
     HarvesterError
-        It does not hold for this scene.
+        The solver is not valid for this scene.
     """
     density = outline(averaged_device(prepared_scene))
     # On a coarse grid densities alternate from node to node; the joint density is smoothed.
@@ -238,7 +238,7 @@ def outlined(prepared_scene: Prepared, report: Callable) -> dict[str, Density]:
 
 
 def _answer(solving):
-    """The solver's answer and "", or an empty answer and the reason."""
+    """The solver's densities and "", or no densities and the reason."""
     try:
         answer = solving.result()
     except HarvesterError as error:
@@ -247,14 +247,14 @@ def _answer(solving):
 
 
 def _range(scene, key, ends):
-    """The ends of a slider, checked to be a range that holds the scene's own value."""
+    """Check that the ends of a slider are a range that contains the scene's value."""
     value, spec = number(scene, key, "explore")
     try:
         low, high = (
             sorted((value / RANGE_RATIO, value * RANGE_RATIO)) if ends is None else map(float, ends)
         )
     except (TypeError, ValueError):
-        raise HarvesterError(f"{key}: {shown(ends)} is no range; give (low, high)") from None
+        raise HarvesterError(f"{key}: {shown(ends)} is not a range; give (low, high)") from None
     if ends is None:
         low, high = max(low, spec.low), min(high, spec.high)
     if not low < high:
@@ -306,7 +306,7 @@ def _drawn(view):
 
 
 def _widget(explorer: Explorer) -> Any:
-    """Build sliders, a line of text and the picture, which follow the explorer."""
+    """Build sliders, a line of text and the picture."""
     from ipywidgets import HTML, GridBox, Image, Layout, VBox
 
     line, picture = HTML(), Image(format="png")
@@ -340,7 +340,7 @@ def _widget(explorer: Explorer) -> Any:
 
 
 def _slider(key, value, low, high):
-    """One slider, in equal ratios where its range is wide; it speaks when it is let go."""
+    """One slider, logarithmic if its range is wide; it reports when it is released."""
     from ipywidgets import FloatLogSlider, FloatSlider, Layout
 
     common = {

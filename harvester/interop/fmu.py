@@ -1,4 +1,4 @@
-"""A Functional Mock-up Unit for co-simulation, FMI 2.0 and 3.0, with its sources in it."""
+"""Writes Functional Mock-up Units for co-simulation, FMI 2.0 and 3.0, with sources."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # Default time between two exchanges with the simulating tool (s).
 EXCHANGE = 1e-3
 VERSIONS = (2, 3)
-# Exponents of the SI base units that make up each unit.
+# Exponents of the SI base units in each unit.
 UNITS = {
     "s": {"s": 1},
     "m": {"m": 1},
@@ -53,7 +53,7 @@ class Variable(NamedTuple):
 
 
 def variables(setup: Prepared) -> list[Variable]:
-    """All variables, in the order that `sources/fmi.h` numbers them."""
+    """All variables, in the order of `sources/fmi.h`."""
     scene = setup.scene
     x, v, state = start_state(setup, 0)
     length = setup.setting.length
@@ -100,7 +100,7 @@ def unit_files(setup: Prepared, version: int) -> tuple[str, dict[str, str]]:
 def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
-    Compiled for this machine where a C compiler is there; the sources are in them.
+    They contain sources, and binaries for this machine if there is a C compiler.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], No
         with whole_file(path) as file:
             file.write(content)
     if compiler() is None:
-        report(f"{NO_COMPILER}; the FMUs hold their sources alone: `fmpy compile` makes the rest")
+        report(f"{NO_COMPILER}; the FMUs contain only sources: `fmpy compile` adds binaries")
     return paths
 
 
@@ -144,13 +144,13 @@ def _fmu(setup: Prepared, version: int) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, data in content.items():
-            # No time stamp is stored: the same scene gives the same bytes.
+            # No time stamps, so that the same scene gives identical bytes.
             archive.writestr(zipfile.ZipInfo(path), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 
 def platform_folder(version: int) -> str:
-    """This machine's folder below `binaries/`."""
+    """Name of this machine's folder below `binaries/`."""
     system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
     machine = platform.machine().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64", "i686": "x86"}.get(machine, machine)
@@ -161,7 +161,7 @@ def platform_folder(version: int) -> str:
 
 
 def _attributes(**values: object) -> str:
-    """Attributes of an XML element; those that are None are left out."""
+    """Attributes of an XML element, without those that are None."""
     return "".join(
         f" {key}={quoteattr(repr(value) if isinstance(value, float) else str(value))}"
         for key, value in values.items()
@@ -170,7 +170,7 @@ def _attributes(**values: object) -> str:
 
 
 def _definitions(scene: Scene) -> str:
-    """Units and default experiment, up to the beginning of the variables."""
+    """Units, default experiment, and the beginning of the variables."""
     units = "".join(
         f"    <Unit name={quoteattr(name)}><BaseUnit{_attributes(**exponents)}/></Unit>\n"
         for name, exponents in UNITS.items()
@@ -203,7 +203,7 @@ def _description2(setup: Prepared, name: str, token: str, compiled: list[str]) -
     """modelDescription.xml of FMI 2.0."""
     scene = setup.scene
     listed = variables(setup)
-    # In FMI 2.0 time is implicit; variables are numbered from one.
+    # In FMI 2.0 time is implicit, and variables are numbered from 1.
     text = _head(scene, "2.0", token) + ">\n"
     ability = _attributes(
         modelIdentifier=name, canHandleVariableCommunicationStepSize="true",

@@ -1,7 +1,7 @@
-"""Formats of `harvester export` by name: each has a function that writes files and returns paths.
+"""Formats of `harvester export` by name, with functions that write files and return paths.
 
-A further format is such a function, given a prepared scene, and its entry in `FORMATS`. The
-function's optional arguments are those options of `harvester export` that the format has.
+To add a format, write such a function of a prepared scene and add it to `FORMATS`. Its optional
+arguments are the format's options of `harvester export`.
 """
 
 from __future__ import annotations
@@ -46,21 +46,21 @@ def write(
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Called with notes on what is written and with the names of the files, in a line each.
+        Called with one-line notes and with the names of the files.
     **options
         Options of the format; None means the format's default.
 
     Returns
     -------
     list of Path
-        The files that were written; none for standard output.
+        Written files; empty for standard output.
 
     Raises
     ------
     HarvesterError
-        No such format, or an option that it does not have.
+        The format is unknown or does not have an option.
     """
-    # The command line reads this module for its help: importing numpy above would delay that.
+    # Imported here, since the command line's help imports this module and numpy would delay it.
     from harvester.scene.prepared import prepared
 
     if kind not in FORMATS:

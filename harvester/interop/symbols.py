@@ -1,13 +1,13 @@
-"""The block as a symbol for schematics: LTspice's `.asy` and KiCad's `.kicad_sym`."""
+"""Writes the block's symbols for schematics: LTspice's `.asy` and KiCad's `.kicad_sym`."""
 
 from __future__ import annotations
 
-# Positions of the pins: (side, position on it) in steps of the grid, from the top.
+# Positions of the pins: (side, position in grid units from the top).
 PLACES = {"base": ("left", 1), "x": ("left", -1), "p": ("right", 1), "n": ("right", -1)}
 
 
 def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
-    """A symbol whose netlist line calls the sub-circuit of a library in the same folder.
+    """A symbol that calls a sub-circuit of a library in the same folder.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
 
 
 def kicad_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
-    """A library of one symbol that KiCad's simulator hands to ngspice; see `ltspice_symbol`."""
+    """A KiCad library with one symbol for simulation with ngspice; see `ltspice_symbol`."""
     order = " ".join(f"{k}={pin}" for k, pin in enumerate(pins, start=1))
     fields = {
         "Reference": ("U", False),

@@ -1,7 +1,7 @@
 """Voltage and current over time for firmware tests: CSV, and HDF5 of the Shepherd testbed.
 
-A replay plays what was recorded whatever hangs on it, while a live harvester is held back by what
-is drawn; what that changes is measured for every trace.
+A replay does not depend on its load, whereas a real harvester is damped by the drawn power. The
+effect is computed for every trace.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared, prepared
 from harvester.statistics.range_watch import with_range_watch
 
-# Sampling rates (Hz): Shepherd's own, and for CSV 200 samples of a period of 50 Hz.
+# Sampling rates (Hz): Shepherd's, and for CSV 200 samples per period at 50 Hz.
 SHEPHERD_RATE, CSV_RATE = 100_000.0, 10_000.0
-# Samples in a block of Shepherd's files, which hold only whole blocks.
+# Samples per block of Shepherd's files, which contain only whole blocks.
 BLOCK = 10_000
-# Most samples: at 32 bytes each they take 0.6 GB of memory.
+# Most samples: 0.6 GB of memory at 32 bytes each.
 MOST_SAMPLES = 20_000_000
-# Most bytes of a sample on disk: time and two values in Shepherd's file; a line of text.
+# Most bytes per sample on disk: time and two values in Shepherd's file; a line of text.
 BYTES = {"shepherd": 16, "csv": 36}
 # Load resistances that represent open and shorted terminals, in matched resistances.
 OPEN, SHORTED = 1e6, 1e-4
-# Loads, in multiples of the trace's own, at which a live device is compared with its replay.
+# Loads, in multiples of the trace's load, at which device and replay are compared.
 OTHER_LOADS = (1.0 / 3.0, 3.0)
-# Share of the peak voltage below which power over voltage does not give the current.
+# Smallest voltage, as a share of the peak, for computing the current from power/voltage.
 LEAST_VOLTAGE = 1e-6
-# Fewest raw steps up to the peak of a recorded value; with fewer the scale is made finer.
+# Fewest raw steps up to the peak of a recorded value; otherwise the scale is refined.
 FEWEST_STEPS = 1e5
 HIGHEST_RAW = 2**32 - 1
 DATA_TYPES = ("ivsample", "isc_voc")
@@ -58,9 +58,9 @@ class Trace:
     voltage, current : ndarray, shape (samples,)
         V and A, not negative.
     energy : float
-        Energy by the engine's own points over the same time (J).
+        Energy from the engine's points over the same time (J).
     returned : float
-        Share of the energy that the load hands back, which is not in the trace.
+        Share of the energy that the load returns, which is not in the trace.
     """
 
     rate: float
@@ -71,21 +71,21 @@ class Trace:
 
 
 class _Points:
-    """Keeps all points of a realization's terminals, or of its load's output."""
+    """Records all points of a realization's terminals, or of its load's output."""
 
     def __init__(self) -> None:
         self._parts: list[np.ndarray] = []
         self.conductance = math.nan
 
     def add(self, record: Any, voltage: np.ndarray | None = None, *_: Any) -> None:
-        """A chunk's record; or times and voltages of an output."""
+        """Add a chunk: a record, or times and voltages of an output."""
         if voltage is None:
             self._parts.append(np.array([record.time, record.voltage, record.load_power]))
         else:
             self._parts.append(np.array([record, voltage, voltage**2]))
 
     def points(self) -> np.ndarray:
-        """Times (s), voltages and powers, scaled: shape (3, n); each time once."""
+        """Times (s), voltages and powers, scaled: shape (3, n), without duplicate times."""
         points = np.concatenate(self._parts, axis=1)
         return points[:, np.diff(points[0], prepend=-math.inf) > 0.0]
 
@@ -125,19 +125,19 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
     size = np.abs(voltage)
     nonzero = size > LEAST_VOLTAGE * size.max(initial=0.0)
     if not nonzero.any():
-        raise ExportError(f"{scene.name}: the load's voltage is zero all along: nothing to record")
+        raise ExportError(f"{scene.name}: the load's voltage is always zero: nothing to record")
     current = np.interp(time, time[nonzero], power[nonzero] / voltage[nonzero])
     return _sampled(time, voltage, current, power, rate, start, duration)
 
 
 def _sampled(time, voltage, current, power, rate, start, duration):
-    """The trace between two times: cubics through the points, which do not overshoot."""
+    """The trace between two times, by monotone cubic interpolation."""
     from scipy.interpolate import PchipInterpolator
 
     at = start + np.arange(round(duration * rate)) / rate
     sampled = PchipInterpolator(time, np.array([voltage, current]), axis=1)(at)
     flow = PchipInterpolator(time, power).antiderivative()
-    # A sum of samples covers the time from half a sample before the first to half a sample after
+    # The sum of samples covers the time from half a sample before the first to half a sample after
     # the last.
     ends = np.clip(at[[0, -1]] + np.array([-0.5, 0.5]) / rate, time[0], time[-1])
     product = sampled[0] * sampled[1]
@@ -159,7 +159,7 @@ def with_resistor(scene: Scene, resistance: float) -> Scene:
 
 
 def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
-    """A sentence that compares a live device at other loads with the replay of its trace."""
+    """A sentence that compares the device at other loads with the replay of its trace."""
     power = trace.voltage * trace.current
     reference = float(np.mean(trace.voltage**2) / np.mean(power))
     duration, recorded = trace.voltage.size / trace.rate, float(np.mean(power))
@@ -174,7 +174,7 @@ def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
     )
     return (
         f"recorded at {reference:.3g} Ω (V² over power): {recorded:.3g} W. A replay offers this "
-        f"whatever is drawn; the live device gives {comparisons}"
+        f"at any load; the real device gives {comparisons}"
     )
 
 
@@ -202,7 +202,7 @@ def write_csv(
     realization : int
         Number of the realization with the excitation.
     report : callable
-        Called with the expected file size before, and the loss by replay afterwards.
+        Called with the expected file size, and then with the effect of replay.
 
     Raises
     ------
@@ -235,10 +235,10 @@ def write_shepherd(
     Parameters
     ----------
     data : str
-        "ivsample": voltage and current of the scene's load. "isc_voc": the voltage of the open and
-        the current of the shorted terminals, from a run each.
+        "ivsample": voltage and current of the scene's load. "isc_voc": open-circuit voltage and
+        short-circuit current, from one run each.
     setup, output, duration, realization, report
-        See `write_csv`; raises MissingLibrary too.
+        See `write_csv`; also raises MissingLibrary.
     """
     if data not in DATA_TYPES:
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")
@@ -258,8 +258,7 @@ def write_shepherd(
 
 
 def _extremes(setup, duration, realization, report):
-    """Open-circuit voltage and short-circuit current; reports the power of a straight line
-    between."""
+    """Open-circuit voltage and short-circuit current; reports the power of a line between."""
     scene = setup.scene
     rate = timescales.angular_frequency(setup.system)
     matched = scene.transducer.matched_resistance(rate)
@@ -270,15 +269,15 @@ def _extremes(setup, duration, realization, report):
     promised = float(np.mean(opened.voltage * shorted.current)) / 4.0
     delivered = float(np.mean(live.voltage * live.current))
     report(
-        "open voltage and shorted current are of two runs, as the motion differs. A straight line "
-        f"between them promises {promised:.3g} W at its best; the live device gives "
+        "open voltage and shorted current are from two runs with different motion. A straight line "
+        f"between them predicts at most {promised:.3g} W; the real device gives "
         f"{delivered:.3g} W at its matched {matched:.3g} Ω"
     )
     return opened.voltage, shorted.current
 
 
 def _shepherd_content(scene, data, voltage, current):
-    """The file's bytes; Shepherd's writer takes a path alone."""
+    """The file's bytes, through a temporary file: Shepherd's writer needs a path."""
     from shepherd_core import Writer
     from shepherd_core.data_models.base.calibration import CalibrationPair, CalibrationSeries
 
@@ -301,7 +300,7 @@ def _shepherd_content(scene, data, voltage, current):
 
 
 def _gain(values: np.ndarray, usual: float) -> float:
-    """Value of one raw step: Shepherd's own, unless the peak is out of range or of few steps."""
+    """Value of a raw step: Shepherd's default, unless the peak is out of range or has few steps."""
     peak = float(values.max(initial=0.0))
     if peak == 0.0 or FEWEST_STEPS * usual <= peak <= HIGHEST_RAW * usual:
         return usual
@@ -340,7 +339,7 @@ def _check(scene, kind, rate, duration, realization, report):
 def _tell(scene, trace, realization, report):
     if trace.returned > 1e-3:
         report(
-            f"the load hands {trace.returned:.1%} of the energy back to the device, which a trace "
-            "without signs leaves out"
+            f"the load returns {trace.returned:.1%} of the energy to the device, which a trace "
+            "without signs omits"
         )
     report(replay_loss(scene, trace, realization))

@@ -51,9 +51,9 @@ OPTIONAL, SEVERAL = ("beam", "magnets", "stoppers", "start"), {"stoppers": 16}
 class Top(Table):
     """Keys outside the tables."""
 
-    units: str = word("units: of all values", BOTH, required=True)
+    units: str = word("unit system of all values", BOTH, required=True)
     length_scale: float | None = positive(
-        "length unit of the scaled equations: derived from the device unless given", "m",
+        "length unit of the scaled equations: by default derived from the device", "m",
         units=(SI,),
     )  # fmt: skip
 
@@ -86,7 +86,7 @@ class Oscillator(Table):
         units=(SI,), usual=(0.1, 1e5), drawn=True,
     )  # fmt: skip
     cubic_stiffness: float | None = not_negative(
-        "cubic stiffness: K2, 0 unless given", "N/m³", "κ", drawn=True
+        "cubic stiffness: K2, by default 0", "N/m³", "κ", drawn=True
     )
     restoring_force: tuple | None = key(
         "restoring force: [F0, k1, k2, …] up to the seventh power", "N, N/m, N/m², …",

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# Quantities by which methods are compared: states of a path, and means.
+# Compared quantities: states of a path, and means.
 STATES = ("displacement", "velocity", "voltage")
 VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
 POWER, OUTPUT_POWER = "mean_power", "mean_output_power"

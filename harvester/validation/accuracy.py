@@ -1,4 +1,4 @@
-"""`accuracy`: the error of every method over its run time, and the time to 10, 3 and 1 %."""
+"""`accuracy`: error of every method against run time, and time to an error of 10, 3 and 1 %."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from harvester.validation.accuracy_measurement import (
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.throughput import ratios
 
-# Relative errors: of the answer that is timed, and of the bias that is asked for.
+# Required relative errors: of the timed answer, and of the bias.
 WANTED_ERROR = WANTED_BIAS = 0.01
-# An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
-# the steps of a PWL run little, since these follow the restarts at its corners.
+# An order is fitted if the longest mean step is at least this multiple of the shortest. In PWL runs
+# a tolerance changes the steps little, since these follow the restarts at corners.
 LEAST_RATIO = 2.0
 # Units of time in seconds, from the longest down.
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
@@ -43,22 +43,21 @@ class Accuracy(ResultBase):
     Attributes
     ----------
     reference : ComparedMethod
-        The method from whose runs biases are measured.
+        The method relative to which biases are measured.
     answer : Answer
         The reference's long run.
     errors : dict of str to TotalError
-        Total errors of the reference, which hold no bias; of every quantity that is timed.
+        Total errors of the reference, without bias, by timed quantity.
     closures : dict of str to dict
-        For each closure that holds `quantities`, scaled, and `seconds`.
+        `quantities` (scaled) and `seconds` of each valid closure.
     refused : dict of str to str
-        Closures that do not hold, with the reason.
+        Reasons of invalid closures.
     exact_paths : str
-        Name of the solution from which strong errors are measured.
+        Name of the reference solution for strong errors.
     horizon : float
         Length of the paths (s).
     speeds : dict
-        `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
-        `machine` of all times.
+        `rows` of Throughput, empty for a netlist of more than a resistor, and the `machine`.
     """
 
     scene: Scene
@@ -75,7 +74,7 @@ class Accuracy(ResultBase):
 
     @cached_property
     def orders(self) -> dict[str, dict[str, float]]:
-        """Measured order in each state of each family: of log error over log mean step."""
+        """Measured order of each state and family: slope of log error over log mean step."""
         orders = {}
         for family in dict.fromkeys(row.method.family for row in self.rows):
             ours = [row for row in self.rows if row.method.family == family and row.mean_step > 0.0]
@@ -93,15 +92,15 @@ class Accuracy(ResultBase):
         return self.answer.simulated_time * (self.sampling_error(VOLTAGE) / WANTED_ERROR) ** 2
 
     def sampling_error(self, name: str) -> float:
-        """Standard error of a mean in the long run, as a share of it."""
+        """Relative standard error of a mean in the long run."""
         return relative_error(self.answer.quantities[name])
 
     def run_seconds(self, row: MethodRow) -> float:
-        """Seconds of one core for as long a run as the reference's."""
+        """Seconds of one core for a run as long as the reference's."""
         return row.seconds_per_unit * self.answer.simulated_time
 
     def deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's deviation from the reference, as a share with the errors of both."""
+        """A closure's relative deviation from the reference, with both errors."""
         ours = self.closures[closure]["quantities"][name]
         ratio = ours.estimate / self.answer.quantities[name].estimate
         errors = relative_error(ours), self.sampling_error(name)
@@ -150,22 +149,22 @@ class Accuracy(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """Verdict on the default step, and notes on how the numbers were obtained."""
+        """Verdict on the default step, and notes on the method."""
         answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
         lines = [
             *self.verdicts(),
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
             f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
-            "where these follow the restarts of a PWL run",
+            "if these follow the restarts of a PWL run",
             f"bias: against {self.reference.family} ({self.longest_step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
             *["bias of a closure: ± covers its numerical and the reference's sampling error"]
             * bool(self.closures),
-            "a brief run that saw no rare event, such as a jump between the wells, has too small "
+            "a brief run without a rare event, such as a jump between the wells, has too small "
             "an error bar",
-            f"sampling error of the long run itself: {sampling}",
+            f"sampling error of the long run: {sampling}",
             f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
             "and without the start of the program; never: the bias alone is larger; (?): the bias "
@@ -177,7 +176,7 @@ class Accuracy(ResultBase):
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
 
     def verdicts(self) -> list[str]:
-        """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
+        """Verdict on the bias at the circuit's default step, and the longest step below 1 %."""
         rows = [
             row
             for row in self.rows
@@ -190,7 +189,7 @@ class Accuracy(ResultBase):
             for row in rows
             if row.method.refinement == 1
         ]
-        # A brief run misses rare events, such as jumps between wells, and so does its error bar.
+        # A brief run misses rare events, such as jumps between wells, also in its error bar.
         steps = [
             self.longest_step(row.method)
             for row in rows
@@ -243,14 +242,14 @@ class Accuracy(ResultBase):
 
 
 def bias_verdict(row: MethodRow) -> str:
-    """Each bias of a row with its verdict against 1 %, as text."""
+    """Each bias of a row and its verdict (limit 1 %), as text."""
     return ", ".join(
         f"{SYMBOLS[name]} {_percent(bias)} ({_verdict(bias)})" for name, bias in row.bias.items()
     )
 
 
 def _verdict(bias):
-    """ "below" or "above" 1 % beyond chance, or "not resolved"."""
+    """ "below" or "above" 1 % with significance, or "not resolved"."""
     size, error = abs(bias.estimate), bias.standard_error
     margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
     if size + margin <= WANTED_BIAS:
@@ -258,7 +257,7 @@ def _verdict(bias):
     return "above" if size - margin > WANTED_BIAS else "not resolved"
 
 
-# A time that no run is long enough for: the bias alone is larger.
+# No run is long enough, since the bias alone exceeds the error.
 NEVER = Printed("never", math.inf, None, "s")
 
 
@@ -271,7 +270,7 @@ def reached(error: Any, limit: float) -> str:
 
 
 def duration(seconds: float) -> Printed:
-    """A duration with two digits and a fitting unit."""
+    """A duration with two digits and a suitable unit."""
     size, unit = next((pair for pair in UNITS if seconds >= pair[0]), (1e-6, "µs"))
     return Printed(f"{float(f'{seconds / size:.2g}'):g} {unit}", seconds, None, "s")
 

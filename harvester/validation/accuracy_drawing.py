@@ -1,6 +1,6 @@
-"""Two figures: every method's error over its run time, and its run time to a given error.
+"""Draws every method's error over run time, and its run time to a given error.
 
-Legend entries are groups of methods, at most eight; closures are named at their points, and the
+The legend lists at most eight groups of methods; closures are labelled at their points, the
 sampling error at its line.
 """
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 POINTS = 200
-# Smallest and largest error that is drawn, in percent.
+# Smallest and largest drawn error, in percent.
 LEAST, GREATEST = 1e-2, 300.0
 NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset points"}
 NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
-# A broad line below all others: methods without a bias lie on it.
+# A broad line behind all others, on which methods without bias lie.
 SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.8", "width": 4.0}
 
 
@@ -45,15 +45,15 @@ def draw(study: Any) -> Figure:
     title = (
         f"{device}: error against run time, and the time to an error "
         f"({machine['date']}, {machine['cores']} cores)\n"
-        "bars: two standard errors, none where they are not known; hollow: Gear's formula; total "
-        "errors are of default settings, dashed where the bias is known less well; a bias beyond "
+        "bars: two standard errors, none if unknown; hollow: Gear's formula; total "
+        "errors are for default settings, dashed where the bias is uncertain; a bias beyond "
         f"{LEAST:g} to {GREATEST:g} % is drawn at that end"
     )
     return draw_panels(panels, title, size=(3.5, 3.1))
 
 
 def _panel(series, x_label, y_label, title, named=()):
-    """Logarithmic axes that end a little beyond the data, with names next to some points."""
+    """Logarithmic axes slightly larger than the data, with labels next to some points."""
 
     def cut(axes):
         for column, set_limits in (("x", axes.set_xlim), ("y", axes.set_ylim)):
@@ -68,7 +68,7 @@ def _panel(series, x_label, y_label, title, named=()):
 
 
 def _points(row, marks, x, y, **look):
-    """Points of a method, hollow with Gear's formula."""
+    """Points of a method; hollow for Gear's formula."""
     colour, marker = marks[row.method.group]
     hollow = np.full(len(x), row.method.scheme == "gear")
     look = {"line": "", "size": 4.5, **look}
@@ -94,11 +94,11 @@ def _strong_errors(study, marks):
 
 
 def _run_time(study):
-    return f"core seconds for {study.answer.simulated_time:.3g} simulated ones"
+    return f"core seconds for {study.answer.simulated_time:.3g} simulated seconds"
 
 
 def _in_percent(bias):
-    """Size of a bias and its error bar, each of shape (…, 1), within the drawn range."""
+    """Absolute bias and error bar, each of shape (…, 1), within the drawn range."""
     size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
     size = min(max(size, LEAST), GREATEST)
     return np.array([size]), np.array([[min(reach, 0.999 * size)], [reach]])
@@ -116,7 +116,7 @@ def _closures(study, deviation):
 
 
 def _biases(study, name, marks):
-    """One mean's |bias| over run time, with the resolution of so long a run."""
+    """|bias| of a mean over run time, with the resolution of such a run."""
     series = []
     for row in study.rows:
         if name in row.bias and not is_reference(row.bias[name]):
@@ -140,7 +140,7 @@ def _defaults(rows):
 
 
 def _total_errors(study, name, marks):
-    """Total error over wall time: solid where the bias is known below it, marked at the limits."""
+    """Total error over wall time: solid where the bias is resolved, marked at the limits."""
     rows = [row for row in _defaults(study.rows) if math.isfinite(row.errors[name].resolved_bias)]
     errors = [*(row.errors[name] for row in rows), study.errors[name]]
     times = [error.seconds_to(limit) for error in errors for limit in LIMITS]

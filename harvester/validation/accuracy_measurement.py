@@ -1,12 +1,12 @@
-"""One measurement of every method on one scene: its paths, its means, and the time that they take.
+"""Measures errors of paths and means, and computing times, of every method on one scene.
 
-*Strong* error: the path itself, against scipy's integrator on the same noise (with a netlist as
-load, against the compiled engine at a 32nd of its step), over a time in which paths do not
-separate. *Weak* error: the bias of means against a fine Monte Carlo run on the same noise.
+*Strong* error: deviation of the path from scipy's integrator on the same noise (with a netlist as
+load: from the compiled engine at 1/32 of its step), before paths diverge. *Weak* error: bias of
+means relative to a fine Monte Carlo run on the same noise.
 
-*Total* error: after a wall time t a mean is off by √(b² + s² c/t). b is the method's bias, s²/T the
-sampling variance of a run of T simulated seconds, c the wall seconds that one of them costs: time
-of one processor, which is the wall time on a machine that does nothing else.
+*Total* error: after a wall time t a mean has the error √(b² + s² c/t). b is the method's bias, s²/T
+the sampling variance of a run of T simulated seconds, c the processor time per simulated second,
+equal to the wall time on an otherwise idle machine.
 """
 
 import math
@@ -63,41 +63,41 @@ from harvester.validation.accuracy_methods import (
 )
 from harvester.validation.paths import from_rest, recorded, states_at_knots
 
-# Number of paths from which the errors of paths are measured.
+# Number of paths for strong errors.
 PATHS = 4
-# Length of a path in periods of small oscillations, and its greatest length in knots of the noise.
+# Length of a path in periods of small oscillations, and its largest length in noise knots.
 PERIODS = 12
 MOST_KNOTS = 1000
-# A method that is too slow for the scene's own run gets a brief one, with this many realizations
-# and this many knots of the noise in each.
+# Number of realizations, and noise knots per realization, of brief runs for methods that are too
+# slow for the scene's run.
 BRIEF_REALIZATIONS = 8
 BRIEF_KNOTS = 4000
-# `thorough` multiplies the numbers of paths and of realizations by this.
+# Factor of `thorough` on the numbers of paths and realizations.
 THOROUGH = 8
-# Before the clock starts a run of this many knots compiles and loads everything.
+# Knots of an untimed first run that compiles and loads everything.
 WARM_UP_KNOTS = 20
-# A bias and its error below this are rounding.
+# A bias and its error below this are rounding errors.
 ROUNDING = 1e-12
-# Relative errors for which the time is given.
+# Relative errors to which the time is given.
 LIMITS = (0.1, 0.03, 0.01)
-# A bias within this number of standard errors may be zero, and may be larger by as many.
+# A bias below this number of standard errors is not resolved, and may be larger by this number.
 BIAS_SIGMAS = 2.0
 
 
 class Timed:
-    """The realizations of a scene by one method, and the time that they took.
+    """The realizations of a scene by one method, and their computing time.
 
     Attributes
     ----------
     scene : Scene
     moments : list of Moments
     measured_time, simulated_time : float
-        Summed over realizations, without and with settling (s).
+        Sum over realizations, without and with settling (s).
     seconds : float
-        Summed over tasks, of one core.
+        Processor time of one core, sum over tasks.
     cost : float
-        Seconds of one core for a measured one, of the fastest task: other work on the machine only
-        slows a task down.
+        Seconds of one core per measured second, in the fastest task, since other work slows tasks
+        down.
     """
 
     def __init__(self, model: Prepared, answers: Sequence[dict[str, Any]]) -> None:
@@ -124,16 +124,16 @@ def _measured_time(moments):
 
 @dataclass(frozen=True)
 class TotalError:
-    """One method's error in one quantity over wall time.
+    """One method's error of one quantity as a function of wall time.
 
     Attributes
     ----------
     bias : Estimate
-        Bias as a share of the reference's mean; no standard error where the runs are too short.
+        Bias relative to the reference's mean; without standard error if the runs are too short.
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float
-        Seconds of one core for one measured second, settling included.
+        Seconds of one core per measured second, including settling.
     """
 
     bias: Estimate
@@ -142,7 +142,7 @@ class TotalError:
 
     @property
     def resolved_bias(self) -> float:
-        """|bias| without the part that its error bar explains: √(b² − σ²), 0 if that is all.
+        """|bias| reduced by its error bar: √(b² − σ²), or 0.
 
         nan without an error bar.
         """
@@ -152,18 +152,18 @@ class TotalError:
         return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
 
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
-        """Total error after a wall time; `seconds` a float or an array of any shape."""
+        """Total error after a wall time; `seconds` is a float or an array of any shape."""
         return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
 
     def seconds_to(self, limit: float) -> float:
-        """Wall time to a total error; infinite where the bias alone is larger, nan if unknown."""
+        """Wall time to a total error; infinite if the bias alone is larger, nan if unknown."""
         left = limit**2 - self.resolved_bias**2
         if math.isnan(left):
             return math.nan
         return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
 
     def is_shown(self, limit: float) -> bool:
-        """Whether |bias| is within this error even `BIAS_SIGMAS` standard errors above it."""
+        """Whether |bias| plus `BIAS_SIGMAS` standard errors is within this error."""
         error = self.bias.standard_error
         return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
 
@@ -181,12 +181,12 @@ class TotalError:
 
 
 def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
-    """A method's bias, from its own run and the reference's longer one on the same noise.
+    """A method's bias, from its run and the reference's longer run on the same noise.
 
-    The reference's realizations on the noise of the method's own serve as control variate: with α
-    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias; m' is
-    the reference's mean over these realizations and M over all of its realizations. α is 1 while
-    paths stay together, and 0 where they part at once.
+    The reference's realizations on the same noise are a control variate. With α the regression
+    slope of the method's batches on the reference's, m − α m' + (α − 1) M estimates the bias; m' is
+    the reference's mean over these realizations, M over all its realizations. α is 1 if paths stay
+    together, and 0 if they diverge immediately.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     Returns
     -------
     Estimate
-        Bias as a share of the reference's mean.
+        Bias relative to the reference's mean.
     """
     count = min(len(run.moments), len(reference.moments))
     estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
@@ -223,17 +223,17 @@ class MethodRow:
     run : Timed or None
         The method's run for the means; None if it failed.
     note : str
-        Reason of a failure, or empty.
+        Reason of a failure; empty without one.
     mean_step : float
-        Mean step of the runs for the strong errors (s); nan when they failed.
+        Mean step of the runs for the strong errors (s); nan if they failed.
     strong : dict of str to float
-        RMS error of each state over knots and paths, scaled; nan when a path failed.
+        RMS error of each state over knots and paths, scaled; nan if a path failed.
     bias : dict of str to Estimate
-        Bias of each mean as a share, paired with the reference; empty without a run.
+        Relative bias of each mean, paired with the reference; empty without a run.
     sampling : dict of str to float
-        Standard error of each mean itself in a run of this length, as a share: σ/√N.
+        Relative standard error of each mean in a run of this length: σ/√N.
     errors : dict of str to TotalError
-        Total errors of the quantities that are timed; empty without a run.
+        Total errors of the timed quantities; empty without a run.
     """
 
     method: ComparedMethod = field(metadata=LEFT_OUT)
@@ -259,33 +259,33 @@ class MethodRow:
 def measure(
     scene: Scene, runner: Runner, thorough: bool, methods: Sequence[ComparedMethod] | None
 ) -> dict[str, Any]:
-    """Measure the methods by paths, and by the means of the scene's run: fields of `Accuracy`.
+    """Measure paths and means of all methods; returns the fields of `Accuracy`.
 
     Parameters
     ----------
     thorough : bool
         More paths, steps and realizations.
     methods : sequence of ComparedMethod or None
-        None: all of them, and the throughput of every way to run the circuit.
+        None: all methods, and the throughput of all variants of the circuit.
 
     Raises
     ------
     HarvesterError
-        The reference itself failed.
+        The reference failed.
     OutOfTime
-        The time budget was spent before it was there.
+        The time budget was spent before the reference was complete.
     """
     model = prepared(scene)
     with_load = not scene.load.is_resistor
     if with_load:
-        # Raises LoadError before any run if Monte Carlo cannot take the load.
+        # Raises LoadError before any run if Monte Carlo does not support the load.
         circuit_of(model)
     reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1
-    # A load with more than a resistor has but one way to run the circuit.
+    # With a load other than a resistor there is only one variant of the circuit.
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
     if methods is None and not with_load:
-        # It runs alone, since other tasks would slow down the processors that it measures.
+        # It runs alone, since other tasks would distort the measured times.
         speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
@@ -353,7 +353,7 @@ def _row(method, run, path_errors, reference, answer, scatter):
 
 
 def _brief_scene(model, realizations):
-    """Runs for slow methods: half of each for the transient, or less if `run.settle` is."""
+    """The scene of brief runs: half of each, or at most `run.settle`, is settling."""
     scene = model.scene
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
     changes = {
@@ -366,14 +366,14 @@ def _brief_scene(model, realizations):
 
 
 def _short_scene(model, paths):
-    """Some periods from rest: short enough that paths do not separate."""
+    """The scene of some periods from rest, short enough that paths do not diverge."""
     period = 2.0 * math.pi / timescales.angular_frequency(model.system)
     knots = min(math.ceil(PERIODS * period / knot_spacing(model)), MOST_KNOTS)
     return from_rest(model, knots, paths)
 
 
 def _exact_paths(model, with_load, runner):
-    """The states that errors are deviations of, shape (realizations, knots, 3)."""
+    """Reference states for strong errors, shape (realizations, knots, 3)."""
     if with_load:
         [outcomes] = _answers([(model, LOAD_PATHS, 1)], runner, paths_at_knots)
         return np.concatenate([answer["states"] for answer in successful(outcomes)])
@@ -392,7 +392,7 @@ def _strong_errors(model, methods, exact, runner):
 
 
 def _answers(calls, runner, function):
-    """Outcomes of the tasks of each call: a scene, a method and the realizations of a task."""
+    """Outcomes of the tasks of each call (scene, method, realizations)."""
     groups = []
     for model, method, size in calls:
         indices = range(model.scene.run.realizations)
@@ -427,9 +427,9 @@ def _runs(scenes, methods, runner):
 def timed(
     prepared_scene: Prepared, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
-    """Moments of a few realizations, and the seconds of this core that they took.
+    """Moments of a few realizations, and their processor time.
 
-    Runs in a worker process; `method` holds the values of `ComparedMethod.options`.
+    Called in a worker process; `method` contains the values of `ComparedMethod.options`.
     """
     warm_up = WARM_UP_KNOTS * knot_spacing(prepared_scene)
     brief = prepared_scene.replace({"run.settle": 0.0, "run.duration": warm_up})
@@ -446,7 +446,7 @@ def timed(
 def paths_at_knots(
     prepared_scene: Prepared, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
-    """States of a few realizations at the knots, and the number of points of all their records."""
+    """States of a few realizations at the knots, and the total number of points."""
     realizations = recorded(prepared_scene, indices=indices, **method)
     points = sum(realization.moments.points for realization in realizations)
     return {"states": states_at_knots(prepared_scene, realizations), "points": points}
@@ -459,7 +459,7 @@ def realizations_task(
     runner: Runner,
     function: Callable,
 ) -> Task:
-    """The task of some realizations that run together; `function` has the signature of `timed`."""
+    """A task of some realizations; `function` has the signature of `timed`."""
     options = method.options(model)
     arguments = {"scene": model.scene, "method": options, "indices": list(indices)}
     version = runner.version(method.engine)
@@ -467,17 +467,16 @@ def realizations_task(
 
 
 def averages_once_more(prepared_scene: Prepared, closure: str, report: Callable) -> dict[str, Any]:
-    """A scene by a closure, timed with its code compiled (in a worker process)."""
+    """A scene by a closure, timed without compilation (called in a worker process)."""
     for _ in range(2):
         answer = averages(prepared_scene, closure, None, False, report)
     return answer
 
 
 def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
-    """Answers of the closures that hold, and the other closures' reasons for refusal, by their
-    names.
+    """Answers of valid closures, and reasons of invalid ones, by name.
 
-    An answer holds `quantities`, scaled, and the `seconds` of one core.
+    An answer contains `quantities`, scaled, and `seconds` of one core.
     """
     tasks = [
         Task(averages_once_more, {"scene": scene, "closure": closure}, label=closure)
@@ -490,5 +489,5 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
 
 
 def is_reference(bias: Estimate) -> bool:
-    """Whether a bias belongs to the reference itself: nothing but rounding."""
+    """Whether a bias is that of the reference: only rounding errors."""
     return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING

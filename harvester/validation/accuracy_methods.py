@@ -1,4 +1,4 @@
-"""The methods that are compared: a new one is one more entry in accuracy_methods.toml."""
+"""The compared methods; accuracy_methods.toml lists them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """One way to solve a scene; the methods of one family differ in their steps only.
+    """A method to solve a scene; the methods of a family differ only in their steps.
 
     Attributes
     ----------
     order : int
-        Order of the scheme, in theory.
+        Theoretical order of the scheme.
     refinement : float
-        Number by which the engine's default step is divided.
+        Divisor of the engine's default step.
     source, scheme, tolerance, device, copies
         See `harvester.simulate`.
     brief : bool
-        Too slow for the scene's own run: its means come from a shorter one.
+        Whether the method is too slow for the scene's run, so that its means come from a shorter
+        run.
     """
 
     family: str
@@ -43,7 +44,7 @@ class ComparedMethod:
 
     @property
     def group(self) -> str:
-        """The family without its scheme, if that is the trapezoidal rule or Gear's formula."""
+        """The family without the words for the trapezoidal rule or Gear's formula."""
         return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
 
     def step(self, model: Prepared) -> float:
@@ -51,7 +52,7 @@ class ComparedMethod:
         return longest_step(model, "default", self.engine) / self.refinement
 
     def together(self, model: Prepared) -> int:
-        """Realizations in one netlist: as many as pay where `copies` is None."""
+        """Realizations per netlist; the fastest number if `copies` is None."""
         if self.copies is not None:
             return self.copies
         if not side_by_side.share_steps(model, self.step(model), self.source, self.tolerance):
@@ -59,7 +60,7 @@ class ComparedMethod:
         return side_by_side.copies(model.scene.run.realizations, self.device)
 
     def setting(self, model: Prepared) -> str:
-        """The setting, as text, that distinguishes this method in its family: tolerance or step."""
+        """The tolerance or step, as text, that distinguishes this method in its family."""
         if self.tolerance is not None:
             return f"tolerance {self.tolerance:.0e}".replace("e-0", "e-")
         return f"step {self.step(model):.4g}"
@@ -83,8 +84,8 @@ def _listed(name):
 
 METHODS, COMPILED_METHODS, LOAD_METHODS = map(_listed, ("all", "compiled", "load"))
 THOROUGH_METHODS = (*METHODS, *_listed("thorough"))
-# The references of all biases, and the reference of paths with a netlist as load, which no
-# independent integrator runs.
+# References of biases, and the reference of paths with a netlist as load, for which there is no
+# independent integrator.
 REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)

@@ -1,4 +1,4 @@
-"""The paper's statements, tested by Monte Carlo, by the circuit and by each closure."""
+"""Tests the paper's statements by Monte Carlo, by the circuit and by each closure."""
 
 import time
 from collections.abc import Sequence
@@ -26,17 +26,17 @@ from harvester.validation.statements import CLAIMS, FEATURES, JUMPING, Claim, Fi
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
-# Realizations of each scene. All scenes have the same number, since their batches are paired.
+# Realizations per scene: equal for all scenes, since their batches are paired.
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
-# An effect of this many standard errors is certain, and the number is not printed.
+# An effect of this number of standard errors is certain, and the number is not printed.
 DETERMINISTIC_NOTE = 1e3
 
 
 @dataclass(frozen=True)
 class Opinion:
-    """Verdict of one method on a statement: a word, its evidence, or why it was not tested."""
+    """Verdict of one method on a statement, with evidence or the reason why it was not tested."""
 
     word: str = field(metadata=key("verdict"))
     findings: tuple[Finding, ...] = ()
@@ -46,14 +46,14 @@ class Opinion:
 
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
-        """Findings (for, against, undecided); undecided are only those that the statement needs."""
+        """Findings (for, against, undecided); undecided includes only decisive findings."""
         pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
         contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
         open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]
         return pro, contra, open_
 
     def text(self) -> str:
-        """Cell of the table: the verdict, and the significance of its weakest finding."""
+        """Cell of the table: the verdict and the significance of the weakest finding."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive]
         undecided = self.word == UNDECIDED
@@ -69,7 +69,7 @@ class Opinion:
 
     @property
     def where(self) -> str:
-        """Conditions under which it holds, fails or is undecided, in words."""
+        """Conditions under which the statement holds, fails or is undecided, as text."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive] or pro
         return "; ".join(
@@ -80,7 +80,7 @@ class Opinion:
 
 
 def opinion_of(findings: Sequence[Finding]) -> Opinion:
-    """The verdict that some findings add up to."""
+    """The verdict from all findings."""
     pro, contra, open_ = Opinion("", tuple(findings)).speaking
     if not findings:
         word = UNTESTED
@@ -95,7 +95,7 @@ def opinion_of(findings: Sequence[Finding]) -> Opinion:
 
 @dataclass(frozen=True, repr=False)
 class ReproducedStatements(ResultBase):
-    """All statements with the opinion of each method; `harvester reproduce claims` shows it.
+    """All statements with the verdict of each method; result of `harvester reproduce claims`.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class ReproducedStatements(ResultBase):
         return [f"{says}: {line}" if says else line for says, lines in details for line in lines]
 
     def _details(self):
-        """Sentences by the statement that they are about, "" for those on the whole."""
+        """Sentences by statement; "" for general ones."""
         details: dict[str, list[str]] = {}
         for claim, opinions in self.opinions:
             lines = [
@@ -148,17 +148,17 @@ class ReproducedStatements(ResultBase):
         ]
         if not self.thorough:
             lines.append(
-                "the circuit is a hundred times as slow: it tests one condition of each statement "
-                "(D = 0.08 where that is one) and the ends of trends. A thorough run tests all"
+                "the circuit is a hundred times slower: it tests one condition of each statement "
+                "(D = 0.08 if possible) and the ends of trends. A thorough run tests all"
             )
         lines.append(
-            f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
+            f"a finding needs at least {SIGNIFICANT_SIGMAS:g} standard errors (by chance one in "
             f"370); seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
         )
         return {**details, "": lines}
 
     def markdown(self) -> str:
-        """The table with the sentences quoted, and the details, one fold for each statement."""
+        """The table with the quoted sentences, and details, collapsible per statement."""
         header = ["section", "sentence", "tested", *METHODS]
         rows = [[c.section, c.sentence, c.says, *_texts(opinions)] for c, opinions in self.opinions]
         details = {
@@ -204,7 +204,7 @@ def _texts(opinions):
 
 
 def disagreements(opinions: dict[str, Opinion]) -> list[tuple[str, float, float]]:
-    """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
+    """(where, effect by `paper`, effect by Monte Carlo) where they contradict each other."""
     simulated = {f.where: f for f in opinions["monte-carlo"].findings}
     pairs = [(f, simulated[f.where]) for f in opinions["paper"].findings if f.where in simulated]
     return [
@@ -232,7 +232,7 @@ def claims(
         Longer runs, and the circuit at every condition.
     chosen : sequence of Claim
     **running
-        See `harvester.open_runner`; in the folder of the figures its answers are found.
+        See `harvester.open_runner`; the folder of the figures contains reusable answers.
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
@@ -249,7 +249,7 @@ def claims(
 
 
 def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> dict:
-    """{(method, changes): Request} of everything that the statements need."""
+    """{(method, changes): Request} for all statements."""
     needed, dense = {}, set()
     for claim in chosen:
         for method in METHODS:
@@ -268,11 +268,11 @@ def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> 
 
 
 def _changes_of(claim, method, thorough):
-    """Changes of the scene that one method is asked for."""
+    """Changes of the scene that one method computes."""
     conditions, brief = claim.conditions, method == "circuit" and not thorough
     if brief:
-        # The circuit is a hundred times slower than Monte Carlo: it gets one condition and the ends
-        # of a trend.
+        # The circuit is a hundred times slower than Monte Carlo: only one condition and the ends of
+        # trends.
         conditions = [c for c in conditions if c == JUMPING][:1] or conditions[:1]
     scenes = [claim.test.scenes(condition) for condition in conditions]
     if brief and isinstance(claim.test, Trend):

@@ -1,7 +1,7 @@
-"""Means that are known without simulation, where a case is simple enough for them.
+"""Means of simple cases that are known without simulation.
 
-Each function returns the values of some quantities with their largest allowed deviations, or an
-empty dictionary where it does not hold.
+Each function returns values and largest allowed deviations of some quantities, or an empty
+dictionary if it is not valid.
 """
 
 import math
@@ -18,29 +18,29 @@ from harvester.scene.steps import knot_spacing
 from harvester.validation import EFFICIENCY, VELOCITY, VOLTAGE
 from harvester.validation.formulas import gibbs_mean
 
-# A closed form is used if its own error is at most this share of a mean: by the change of the
-# stiffness within the motion, or by the colour of the noise.
+# Largest relative error of a closed form that is used, due to the change of stiffness within the
+# motion or the noise's colour.
 LARGEST_ERROR = {"small motion": 3e-3, "Gibbs": 2e-2}
-# Least distance of contacts and saddles, in standard deviations of the displacement.
+# Smallest distance of contacts and saddles, in standard deviations of the displacement.
 CLEAR = 6.0
 
-# For each quantity its value and its largest error.
+# Value and largest error by quantity.
 Means: TypeAlias = dict[str, tuple[float, float]]
 
 
 def closed_forms(model: Prepared, realizations: int) -> dict[str, Means]:
-    """The forms that hold for a scene, by their names; none where the load is a netlist.
+    """The valid closed forms of a scene by name; none if the load is a netlist.
 
     Parameters
     ----------
     realizations : int
-        Number in the compared run: they start in successive wells.
+        Number in the compared run, which start in successive wells.
     """
     if not model.scene.load.is_resistor:
         return {}
     system = model.system
     if isinstance(system.transducer, BaseForcedPiezo):
-        # Neither form has the charge that the base moves.
+        # Neither form includes the charge moved by the base.
         return {}
     forms = {
         "small motion": small_motion(system, knot_spacing(model), realizations),
@@ -52,7 +52,7 @@ def closed_forms(model: Prepared, realizations: int) -> dict[str, Means]:
 def small_motion(system: System, spacing: float, realizations: int) -> Means:
     """Means of a motion that stays linear about each well: a discrete Lyapunov equation.
 
-    Exact for the noise as the engines take it, linear between its knots.
+    Exact for the engines' noise, which is linear between knots.
     """
     part = system.transducer
     open_piezo = not part.decay_rate() and part.state_rate(1.0, 0.0)
@@ -106,13 +106,12 @@ def _covariance(system, stiffness, spacing):
     variance = noise.intensity / noise.correlation_time
 
     def carried(time):
-        """Matrix to the three states at a time after a knot, from (states, η at the knot, η
-        at the next one)."""
+        """Matrix from (states, η at a knot, η at the next) to the states at `time` after it."""
         transition = expm(drift * time)[:3]
         slope = transition[:, 4] / spacing
         return np.column_stack([transition[:, :3], transition[:, 3] - slope, slope])
 
-    # From knot to knot: the three states and η, driven by the innovation of η.
+    # From knot to knot: states and η, driven by the innovation of η.
     step, kick = np.zeros((4, 4)), np.zeros(4)
     over = carried(spacing)
     step[:3, :3], step[:3, 3], step[3, 3] = over[:, :3], over[:, 3] + rho * over[:, 4], rho
@@ -129,7 +128,7 @@ def _covariance(system, stiffness, spacing):
 
 
 def _change_of_stiffness(system, well, width):
-    """Share by which a motion of this width about a well departs from a linear one; inf if wide."""
+    """Relative nonlinearity of a motion of this width about a well; inf if it is wide."""
     low, high = timescales.free_zone(system)
     inner = low < well < high
     clear = [abs(x - well) for x in (*timescales.saddles(system), *((low, high) if inner else ()))]
@@ -144,7 +143,7 @@ def _change_of_stiffness(system, well, width):
 def gibbs(system: System) -> Means:
     """White noise, no loss but the damper's: p ∝ exp{−(c/D)(½X'² + U)}.
 
-    To first order in τ1 the noise's colour takes cτ1 of the power that comes in.
+    To first order in τ1 the noise's colour reduces the input power by the share cτ1.
     """
     damping, noise = system.damper.damping, system.noise
     elastic = all(getattr(contact.law, "damping_factor", 1.0) == 0.0 for contact in system.contacts)

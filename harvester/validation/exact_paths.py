@@ -1,9 +1,8 @@
-"""The solution on one noise path to eleven digits: scipy's DOP853, for strong errors.
+"""The solution on one noise path to eleven digits by scipy's DOP853, for strong errors.
 
-The force has kinks at the knots of the noise and, in its derivatives, where contact begins and
-ends: the integrator is restarted at each of them, so that its order holds in between.
-The parts' equations are written out here from their numbers alone: a fault in the functions that
-engines share shows as their error.
+The force has kinks at the noise knots and, in its derivatives, where contact begins and ends. The
+integrator restarts at each of them, so that it keeps its order in between. The parts' equations are
+written here independently: a fault in functions shared by the engines then shows as an error.
 """
 
 import math
@@ -30,7 +29,7 @@ RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 
 
 def run(prepared_scene: Prepared, index: int, report: Callable = ignore) -> np.ndarray:
-    """States of one realization at the knots 1, 2, …, scaled (in a worker process).
+    """States of one realization at the knots 1, 2, …, scaled (called in a worker process).
 
     Returns
     -------
@@ -50,12 +49,12 @@ def run(prepared_scene: Prepared, index: int, report: Callable = ignore) -> np.n
 
 
 class Equations:
-    """Eqs. 4 and 5 of one device, and which of its stoppers are touched.
+    """Eqs. 4 and 5 of one device, and the state of its contacts.
 
     Parameters
     ----------
     system : harvester.device.system.System
-        The device, of which only the numbers are read.
+        The device; only its numbers are used.
     """
 
     def __init__(self, system):
@@ -65,7 +64,7 @@ class Equations:
         self._electrical, self.voltage = _electrical_equations(system.transducer)
         # κ of V' = X' + κ η' − λ V.
         self._base_share = getattr(system.transducer, "base_share", 0.0)
-        # For each stopper: side, gap and law; then the v0 that it holds, and whether it is touched.
+        # For each stopper: side, gap and law; then its held v0, and whether it is in contact.
         for contact in system.contacts:
             if not isinstance(contact.law, HertzDamp):
                 raise _not_written_out(contact.law)
@@ -78,7 +77,7 @@ class Equations:
         self._touching = [False] * len(self._stoppers)
 
     def begin(self, state: np.ndarray, noise: float) -> None:
-        """Initialise from a run's first state: which contacts act, their impact speeds, the charge.
+        """Initialise from a run's first state: active contacts, impact speeds, charge.
 
         `state` is changed.
         """
@@ -90,7 +89,7 @@ class Equations:
             self._held[k] = math.sqrt(v * v + 2.0 * _stored(law, max(depth, 0.0)))
 
     def segment(self, state: np.ndarray, noise: float, slope: float, spacing: float) -> np.ndarray:
-        """State at the end of one segment of the noise."""
+        """State at the end of a segment of the noise."""
         time = 0.0
         while time < spacing:
             solution = solve_ivp(
@@ -122,7 +121,7 @@ class Equations:
                     self._held[k] = speed
 
     def _changes(self):
-        """The events that end or begin a contact, one for each stopper; None without any."""
+        """Events of the begin or end of contact, one per stopper; None without stoppers."""
         events: list[Any] = []
         for (side, gap, _), touching in zip(self._stoppers, self._touching, strict=True):
             # `solve_ivp` expects attributes on the function of an event.
@@ -159,9 +158,9 @@ class Equations:
 
 
 def _spring_equations(spring):
-    """F(x), and the energy gained from one displacement to another, of a spring's numbers alone."""
+    """F(x), and the energy difference between two displacements, from a spring's numbers."""
     if isinstance(spring, Ranged):
-        # A run ends at the range, so that the spring within it is enough.
+        # A run ends at the range, so the spring within it is sufficient.
         return _spring_equations(spring.spring)
     if isinstance(spring, ForceTable) and not spring.straight:
         return _table_equations(spring)
@@ -186,7 +185,7 @@ def _table_equations(table):
     slope, integral = polynomial.derivative(), polynomial.antiderivative()
 
     def line(x):
-        """The end of the table that is nearest, or x within it, and force and slope there."""
+        """x limited to the table, and force and slope there."""
         end = min(max(x, breaks[0]), breaks[-1])
         return end, float(polynomial(end)), float(slope(end))
 
@@ -209,7 +208,7 @@ def _stored(law, depth):
 def _electrical_equations(transducer):
     """(force on the mass, rate of the state) and terminal voltage, functions of X' and the state.
 
-    Eq. 4b; a coil's current leaves its load's share of the voltage on the terminals.
+    Eq. 4b; for a coil the terminal voltage is the load's share.
     """
     if isinstance(transducer, ResistiveCoil):
         share = transducer.current_share
@@ -228,6 +227,6 @@ def _electrical_equations(transducer):
 
 def _not_written_out(part):
     return SceneError(
-        f"the reference path has no equation of {type(part).__name__}: write it "
-        "out in harvester/validation/exact_paths.py"
+        f"the reference path has no equation of {type(part).__name__}: add it "
+        "in harvester/validation/exact_paths.py"
     )

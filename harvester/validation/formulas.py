@@ -1,6 +1,6 @@
-"""Closed forms that others derived, as functions of numbers alone.
+"""Published closed forms, as functions of plain numbers.
 
-None of them uses a part of the simulated device: a fault there shows as a difference.
+They use no code of the simulated device, so a fault there shows as a difference.
 """
 
 import math
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-# Points of a quadrature over displacements. For a smooth function that vanishes at both ends the
-# trapezoidal sum is exact to rounding.
+# Quadrature points over displacements: for a smooth function that vanishes at both ends the
+# trapezoidal sum is exact up to rounding.
 QUADRATURE_POINTS = 20_001
 
 
@@ -89,9 +89,9 @@ def gibbs_mean(
     value: Callable[[Any], Any],
     reach: float = 1.0,
 ) -> float:
-    """Mean of a function of X under exp(−U/T), both of arrays (scaled).
+    """Mean of a function of X with the density exp(−U/T); both take arrays (scaled).
 
-    The range of X begins with ±`reach` and grows until U is 40 T above its lowest at both ends.
+    The range of X starts at ±`reach` and grows until U is 40 T above its minimum at both ends.
     """
     while True:
         x = np.linspace(-reach, reach, QUADRATURE_POINTS)
@@ -111,7 +111,7 @@ def double_well_square(temperature: float) -> float:
 def kramers_rate(
     damping: float, well_frequency: float, barrier_frequency: float, barrier_over_temperature: float
 ) -> float:
-    """Rate out of a well (1/s) at moderate damping, by Kramers; angular frequencies."""
+    """Kramers' escape rate from a well (1/s) at moderate damping; angular frequencies."""
     reduced = math.sqrt(damping**2 / 4.0 + barrier_frequency**2) - damping / 2.0
     attempts = reduced / barrier_frequency * well_frequency / (2.0 * math.pi)
     return attempts * math.exp(-barrier_over_temperature)
@@ -120,7 +120,7 @@ def kramers_rate(
 def rebound_speed(restitution: float) -> float:
     """Speed after a drop at speed 1 on a Hertz-damp stopper: h (1 + ρ) = ln[(1 + h)/(1 − h ρ)].
 
-    h = ¾ (1 − e²), e the restitution asked for.
+    h = ¾ (1 − e²), with the nominal restitution e.
     """
     h = 0.75 * (1.0 - restitution**2)
     if h == 0.0:
@@ -138,10 +138,10 @@ def ideal_load_power(
     ----------
     kind : str
         A resistor; an ideal bridge with smoothing; parallel or series SSHI at its best R,
-        γ = e^(−π/2Q); synchronous charge extraction (sece) without loss, which takes its power at
-        any R.
+        γ = e^(−π/2Q); lossless synchronous charge extraction (sece), whose power does not depend on
+        R.
     quality : float
-        Q of the switched coil.
+        Quality factor Q of the switched coil.
     """
     omega = 2.0 * math.pi * frequency
     unit = coupling**2 * amplitude**2 * omega / capacitance
@@ -156,7 +156,7 @@ def ideal_load_power(
     }[kind]
 
 
-# The following are of a mass and a spring of 1 under F0 sin 2πft: F0, η, θ, Cp (SI).
+# The following formulas are for mass 1 and stiffness 1 under F0 sin 2πft, with F0, η, θ, Cp (SI).
 def resistor_power(
     frequency: float, resistance: float, force: float, damping: float, coupling: float,
     capacitance: float,
@@ -177,7 +177,7 @@ def coupled_bridge_power(
 ) -> float:  # fmt: skip
     """Power of an ideal bridge on a driven device, by Shu and Lien (2006).
 
-    The form that balances energy, of one harmonic: a = ωCpR + π/2,
+    The one-harmonic form that balances energy: a = ωCpR + π/2,
     u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
     """
     omega = 2.0 * math.pi * frequency
@@ -189,7 +189,7 @@ def coupled_bridge_power(
 
 
 def coupled_sece_power(figure_of_merit: float, force: float, damping: float) -> float:
-    """Power that SECE takes at the best frequency, by Lefeuvre (2006): 4x/(1 + x)² of F0²/8η.
+    """SECE's power at the best frequency, Lefeuvre (2006): F0²/8η · 4x/(1 + x)².
 
     x = 4k²Q/π; k²Q is the figure of merit.
     """

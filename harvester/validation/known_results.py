@@ -1,8 +1,8 @@
-"""The results that `verify` compares with: the entries of known_results.toml.
+"""The known results for `verify`: the entries of known_results.toml.
 
-A measured point's limit follows from how well it was read and from the measurement's own scatter:
-at one frequency every linear device with any source impedance gives a resistor R the power
-R/(a + b R + c R²), and the deviations of the points from the best such curve are their scatter.
+A measured point's limit follows from reading accuracy and the measurement's scatter. At one
+frequency a linear device with any source impedance gives a resistor R the power R/(a + b R + c R²);
+deviations from the best such curve are the scatter.
 """
 
 import functools
@@ -30,29 +30,29 @@ from harvester.scene.steps import knot_spacing
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.validation import entries, formulas, tasks
 
-# Periods that a measured device's run averages; a rectifier's storage discharges to 1/e in 10. The
-# paper does not state the storage; the ripple of this one costs less than 0.1 % of the power.
+# Averaged periods of a measured device's run; a rectifier's storage capacitor has a time constant
+# of 10. The paper does not state it; its ripple changes the power by less than 0.1 %.
 PERIODS, STORED = 100.0, 10.0
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A result that this project did not compute.
+    """A result from outside this project.
 
     Attributes
     ----------
     source : str
-        Who derived or published it.
+        Author or publication.
     allowance : float
-        Allowed deviation because the simulated device differs slightly from the result's
-        (knots of the noise, diodes that are not ideal), in the unit of `exact`.
+        Allowed deviation due to slight differences of the simulated device (noise knots, non-ideal
+        diodes), in the unit of `exact`.
     asked : dict of str to Request, Task or ProgramNotFound
-        Computation by each method; a task returns (value, standard error). For a set that was
-        not downloaded: how to get it.
+        Computation by each method; a task returns (value, standard error). For a missing data set:
+        how to download it.
     quantity : str
         Quantity of an answer, in the scene's units.
     device : str
-        Name of the measured device; empty for derived or computed values.
+        Name of a measured device; else empty.
     """
 
     title: str
@@ -66,19 +66,19 @@ class Truth:
 
 
 def catalogue() -> list[Truth]:
-    """All results that were derived, published or computed by other programs."""
+    """All derived, published, and otherwise computed results."""
     results = entries("known_results")["result"]
     return [_truth(entry, case) for entry in results for case in entry.get("each", [{}])]
 
 
 def measured() -> list[Truth]:
-    """All measured points, and the sets that the reader has downloaded."""
+    """All measured points, and downloaded data sets."""
     points = [truth for device in entries("known_results")["device"] for truth in points_of(device)]
     return [*points, *downloaded()]
 
 
 def _truth(entry, case):
-    """The truth of one case of an entry, whose keys add to the entry's."""
+    """The known result of one case of an entry; the case's keys extend the entry's."""
     tables = ("changes", "arguments", "settings")
     values = entry | case | {name: entry.get(name, {}) | case.get(name, {}) for name in tables}
     base, changes = values["scene"], values["changes"].items()
@@ -101,7 +101,7 @@ def _truth(entry, case):
 
 
 def _question(values, scene, method):
-    """Question to one method: a mean of a run, the largest of several, or a task."""
+    """Computation by one method: a mean of a run, the largest of several, or a task."""
     if "among" in values:
         keys, ranges = zip(*values["among"].items(), strict=True)
         cases = itertools.product(*ranges)
@@ -115,7 +115,7 @@ def _question(values, scene, method):
 
 
 def _by_formula(values, scene):
-    """The number by a formula, whose arguments are numbers or keys of the scene."""
+    """The value of a formula, whose arguments are numbers or keys of the scene."""
     tables = scene.to_tables()
 
     def number(value):
@@ -128,9 +128,9 @@ def _by_formula(values, scene):
 
 
 def _lost(values, scene):
-    """Share that noise lacks between knots: of its density, and to the device's memory."""
+    """Relative loss by interpolation between knots: in density, and by the device's memory."""
     if values.get("noise") == "coloured":
-        # Straight lines between knots lower the variance of the noise by 1/120.
+        # Linear interpolation lowers the variance of the noise by 1/120.
         return 1.0 / 120.0
     if "noise" not in values:
         return 0.0
@@ -142,7 +142,7 @@ def _lost(values, scene):
 
 
 def points_of(device: dict[str, Any]) -> Iterator[Truth]:
-    """The known results of a measured device, one for each of its points."""
+    """The known results of a measured device, one per point."""
     rectified = "netlist" in device["scene"]["load"]
     for frequency, (resistances, powers) in device["series"].items():
         share = device["reading"] + SIGNIFICANT_SIGMAS * scatter_of(device, frequency)
@@ -161,14 +161,14 @@ def points_of(device: dict[str, Any]) -> Iterator[Truth]:
 
 
 def scatter_of(device: dict[str, Any], frequency: str) -> float:
-    """Relative rms of a device's points at a frequency about the curve of a linear device."""
+    """Relative rms deviation of a device's points at a frequency from a linear device's curve."""
     resistances, powers = device["series"][frequency]
     scaled = [device["scale"] * power for power in powers]
     return device["scatter"] if "scatter" in device else linear_scatter(resistances, scaled)
 
 
 def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> float:
-    """Relative rms of powers about the best R/(a + b R + c R²), a, b, c ≥ 0."""
+    """Relative rms deviation of powers from the best R/(a + b R + c R²), a, b, c ≥ 0."""
     r, p = np.array(resistances, dtype=float), np.array(powers, dtype=float)
     table = np.column_stack([1.0 / r, np.ones_like(r), r]) * p[:, None]
     sizes = table.max(axis=0)
@@ -182,7 +182,7 @@ def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> flo
 
 
 def downloaded() -> list[Truth]:
-    """A row of each set, with instructions for download if it is missing."""
+    """A row per data set, with download instructions if it is missing."""
     return [_set(entry) for entry in entries("known_results")["set"]]
 
 

@@ -1,10 +1,10 @@
-"""The paper's Figs. 2 and 3: orbits of the undisturbed system of Eq. 13, without noise.
+"""The paper's Figs. 2 and 3: orbits of the unperturbed system of Eq. 13, without noise.
 
-Fig. 2 shows the energy H (Eqs. 14 and 15) and the frequency ω(H) (Eqs. 16 and 17) over
-displacement and velocity. Fig. 3 shows how far the voltage of Eq. 10 swings along each orbit over
-the orbit's frequency, with stoppers and without them. The paper gives neither the energies nor
-the axes; here the orbits end at `HIGHEST`. Symbols in Fig. 3 are the periodic solution of Eq. 4b
-along the same orbits, which Eq. 10 replaces by one harmonic.
+Fig. 2 shows the energy H (Eqs. 14 and 15) and the frequency ω(H) (Eqs. 16 and 17) over displacement
+and velocity. Fig. 3 shows the extremes of the voltage of Eq. 10 along each orbit over the orbit's
+frequency, with and without stoppers. The paper does not give energies or axes; here the orbits end
+at `HIGHEST`. Symbols in Fig. 3 are the periodic solution of Eq. 4b along the same orbits, which Eq.
+10 approximates by one harmonic.
 """
 
 import time
@@ -24,20 +24,20 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.validation.paper_drawing import COLOURS
 
-# Energy of the outermost orbit above U(0), scaled. It allows speeds up to 2.8.
+# Energy of the outermost orbit above U(0), scaled; it corresponds to speeds up to 2.8.
 HIGHEST = 4.0
 LEVELS, NODES = 200, 24
 GRID = 121
 MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
-# Number of orbits of each edge along which Eq. 4b is solved, and of points on each.
+# Number of orbits per edge along which Eq. 4b is solved, and of points per orbit.
 CHECKED, POINTS = 5, 512
-# In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
-# narrower than the grid.
+# In Fig. 2 the frequency falls to 0 at the separatrix; below this value (rad/s) the dip is narrower
+# than the grid.
 TRENCH = 1.0
 
 
 class _PaperMap(ResultBase):
-    """Base of both figures: how they are written.
+    """Base class of both figures.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class _PaperMap(ResultBase):
 
 @dataclass(frozen=True, repr=False)
 class Surfaces(_PaperMap):
-    """Fig. 2: arrays over a grid of displacement (columns) and velocity (rows), scaled."""
+    """Fig. 2: arrays over a grid of displacements (columns) and velocities (rows), scaled."""
 
     scene: Scene
     displacement: np.ndarray
@@ -89,8 +89,8 @@ class Surfaces(_PaperMap):
 class EdgeVoltages:
     """Voltages along the orbits of one edge in Fig. 3: arrays over orbits.
 
-    `lowest` and `highest` are the voltage's extremes by Eq. 10; `checked` holds rows
-    (ω, lowest, highest) of Eq. 4b itself.
+    `lowest` and `highest` are the voltage's extremes by Eq. 10; `checked` contains rows (ω, lowest,
+    highest) by Eq. 4b.
     """
 
     frequency: np.ndarray = field(metadata=key("angular_frequency"))
@@ -99,7 +99,7 @@ class EdgeVoltages:
     checked: np.ndarray
 
     def worst(self) -> list[float]:
-        """Largest deviation of Eq. 10 from Eq. 4b: of the swing, and of its middle in swings."""
+        """Largest deviations of Eq. 10 from Eq. 4b: swing, and centre in units of the swing."""
         order = np.argsort(self.frequency)
         low, high = (
             np.interp(self.checked[:, 0], self.frequency[order], column[order])
@@ -130,7 +130,7 @@ class OrbitVoltages(_PaperMap):
         return View(self._table(), self._findings(), pictures=[Picture(_draw_orbit_voltages, self)])
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows: the range of frequencies of each kind of orbit."""
+        """Header and rows: the frequency range of each kind of orbit."""
         header = ["figure", "device", "orbits", "lowest ω", "highest ω", "greatest |V|"]
         header += ["Eq. 10 against Eq. 4b: swing", "middle, in swings"]
         rows = []
@@ -155,8 +155,8 @@ def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
     wells, outer = _families(scene)
-    # The corners of the rectangle lie on the outermost orbit: half of the energy is potential, half
-    # kinetic.
+    # The corners of the rectangle are on the outermost orbit, with equal potential and kinetic
+    # energy.
     speed = MARGIN * np.sqrt(outer.height[-1])
     reach = MARGIN * np.interp(0.5 * outer.height[-1], outer.height, outer.right)
     x, v = np.linspace(-reach, reach, GRID), np.linspace(-speed, speed, GRID)
@@ -182,7 +182,7 @@ def orbit_voltages(scene: Scene) -> OrbitVoltages:
 
 
 def _families(scene):
-    """Wells and outer orbits in the potential of Eq. 15, which they share at the separatrix."""
+    """Orbits in the wells and outer orbits, in the common potential of Eq. 15."""
     (wells, low, high), (outer, first, _) = edges_of(prepared(scene).system, "paper")
     return (
         settled_orbits(wells, np.linspace(low, high, LEVELS), NODES),
@@ -191,7 +191,7 @@ def _families(scene):
 
 
 def _over_plane(x, v, families):
-    """A quantity that each orbit has one value of, at every point; nan beyond the outermost."""
+    """Map a quantity with one value per orbit to all points; nan outside the outermost orbit."""
     wells, outer = (
         Layer(orbits, np.log(values)).at(np.abs(x)[None, :], v[:, None])
         for orbits, values in families

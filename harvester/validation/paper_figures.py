@@ -1,6 +1,6 @@
-"""The source paper's Figs. 4 to 10 as data of paper.toml, and requests for its scenes.
+"""The source paper's Figs. 4 to 10, from paper.toml, and requests for their scenes.
 
-`reproduce` and `claims` cut the same realizations, so that either can use the other's.
+`reproduce` and `claims` use the same realizations, so that each can reuse the other's.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from harvester.scene.model import Scene
 from harvester.scene.steps import resolving
 from harvester.validation import entries
 
-# Keys of a scene, with the values that they get.
+# Keys of a scene and their new values.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]
 
 SYMBOL_KEYS = {
@@ -31,7 +31,7 @@ SYMBOL_KEYS = {
 KEY_SYMBOLS = {key: symbol for symbol, key in SYMBOL_KEYS.items()}
 # Averaging time of one realization, in seconds.
 DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
-# Largest numerical error of a closure. A smaller one would not be visible in a figure.
+# Largest numerical error of a closure; smaller errors are not visible in a figure.
 CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
 # Rough cost of a request, in units of a closure's point.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
@@ -82,7 +82,7 @@ class FigurePanel:
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """One figure; each of its `quantities` has a row of panels, densities have none."""
+    """One figure; each of its `quantities` has a row of panels; empty for densities."""
 
     title: str
     panels: tuple[FigurePanel, ...]
@@ -111,9 +111,9 @@ def request(
     Parameters
     ----------
     realizations : dict of str to int
-        Number for each engine, at first.
+        Initial number per engine.
     **options
-        Options of `harvester.engines.request.Request`, for simulations alone.
+        Options of `harvester.engines.request.Request`, for simulations only.
     """
     if method not in ENGINES:
         return Request(scene, method, tolerance=CLOSURE_ERRORS[method], density=density)
@@ -122,7 +122,7 @@ def request(
 
 
 def costly_first(requests: Iterable[Request]) -> list[Request]:
-    """Requests with the long ones first, so that no process runs one alone at the end."""
+    """Requests with long ones first, so that none runs alone at the end."""
 
     def cost(one):
         return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
@@ -136,7 +136,7 @@ def answered(outcome: Outcome) -> TypeGuard[Answer]:
 
 
 def told_of(outcome: Outcome) -> dict[str, Any]:
-    """A point for JSON: its answer, or why it has none."""
+    """A point for JSON: its answer, or the reason why it has none."""
     return outcome.to_dict() if answered(outcome) else {"refused": reason(outcome)}
 
 

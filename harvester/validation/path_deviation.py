@@ -1,10 +1,10 @@
-"""The path of an engine against a fine one on the same noise, for as long as paths can be compared.
+"""Compares an engine's path with a fine one on the same noise, before paths diverge.
 
 Two motions on the same noise diverge in time: a contact or the passage of a saddle amplifies a
-small difference. A second fine path from a slightly different start shows when, and so does the
-engine itself at half its step. Up to there the engine's limit for short steps, extrapolated from
-the two, has to be the fine path: a wrong equation shows there far below the step error.
-The step error is the difference of the mean squares at the requested step.
+small difference. A second fine path from a slightly different start, and the engine at half its
+step, show when. Until then the engine's limit for short steps, extrapolated from both steps, must
+equal the fine path: this reveals a wrong equation far below the step error. The step error is the
+difference of the mean squares at the requested step.
 """
 
 from collections.abc import Sequence
@@ -36,66 +36,65 @@ from harvester.validation.paths import (
     states_at_knots,
 )
 
-# The circuit takes this many steps along all paths together, if no contact shortens them.
+# Number of the circuit's steps along all paths together, if no contact shortens them.
 PATH_STEPS = 20_000
 # Largest and smallest number of paths.
 MOST_PATHS, FEWEST_PATHS = 8, 2
 # Shortest and longest path, in periods of small oscillations.
 FEWEST_PERIODS = 3.0
 MOST_PERIODS = 30.0
-# Steps that a mass takes from rest to a typical state.
+# Number of steps from rest to a typical state.
 SETTLING_STEPS = 200_000
-# The step is divided by this for the second comparison, which distinguishes a wrong model from a
-# long step.
+# Divisor of the step in the second comparison, which distinguishes a wrong model from a long step.
 FINER = 2
-# A second fine path begins with a velocity that differs by this share of the rms velocity.
+# Change of the initial velocity of a second fine path, as a share of the rms velocity.
 DISPLACED = 1e-4
-# Paths are compared while the two fine ones are at most this many times as far apart as at first.
+# Paths are compared until the distance of the two fine ones has grown by this factor.
 LARGEST_GROWTH = 5.0
-# The order of the step is relied on if the paths at the step and at half of it differ by at most
-# this share of the rms.
+# Largest difference, as a share of the rms, of the paths at the step and half the step for an
+# extrapolation.
 LARGEST_STEP_ERROR = 0.05
-# Deviations are taken of X and V. X' changes its sign in a contact, so that close paths may differ
-# much at a knot.
+# Deviations are computed for X and V. X' changes its sign in a contact, so that close paths may
+# differ strongly at a knot.
 SMOOTH = (0, 2)
-# An engine's paths are extrapolated to a step of 0. If they then deviate from the fine paths by
-# less than this share of the rms, the deviation does not count.
+# An engine's paths are extrapolated to a step of 0. A deviation from the fine paths below this
+# share of the rms is ignored.
 LEAST_DEVIATION = 3e-3
-# The same limit where contacts shorten the steps: a step that grazes a contact spoils the order on
-# which the extrapolation relies.
+# The same limit if contacts shorten the steps: a step that grazes a contact reduces the order that
+# the extrapolation assumes.
 LEAST_OF_STIFF_CONTACTS = 1e-2
-# Extrapolation may leave this share of the step's error.
+# Share of the step error that may remain after extrapolation.
 LEFT_OF_STEP_ERROR = 0.25
 
-# Steps of the integrator for each of the engine's, and with stoppers, for which it does not shorten
-# its steps.
+# Steps of the replay integrator per engine step, without and with stoppers, for which it does not
+# shorten its steps.
 REPLAY_STEPS, REPLAY_STEPS_IN_CONTACT = 2, 8
 
 
 @register
 @dataclass(frozen=True)
 class PathDeviation:
-    """Deviation of an engine's paths from fine ones over the stretch in which they are comparable.
+    """Deviation of an engine's paths from fine ones while they are comparable.
 
     Attributes
     ----------
     reference : str
         Engine of the fine paths.
     of_limit : float
-        Root mean square deviation of the limit for short steps, as a share of the state's rms,
-        of X or V, whichever is larger; nan where no stretch can be compared.
+        Relative rms deviation of the limit for short steps, of X or V, whichever is larger; nan if
+        paths are not comparable.
     of_mechanics : float
-        Deviation of X from the mass under the recorded voltage (`replayed`), if the circuit is
-        its own reference; nan elsewhere.
+        Deviation of X from the mass driven by the recorded voltage (`replayed`), if the circuit is
+        its own reference; else nan.
     resolution : float
-        Size that both deviations may have in an engine that solves the same equations.
+        Largest size of both deviations for an engine that solves the same equations.
     of_mean_squares : float
-        Largest deviation of the mean squares of X' and V at the step asked for, as a share.
+        Largest relative deviation of the mean squares of X' and V at the requested step.
     compared_periods, comparable_periods : float
-        Mean length of the stretch in periods of small oscillations, and the same of the fine paths
-        alone, whatever the engine does.
+        Mean compared length in periods of small oscillations, and the comparable length of the fine
+        paths alone.
     compared_time : float
-        The former (s).
+        `compared_periods` in s.
     paths : int
     """
 
@@ -115,12 +114,12 @@ def path_deviation(
 ) -> tuple[PathDeviation, list[Realization]]:
     """Compare an engine's paths with fine ones; also its realizations at the step asked for.
 
-    In a worker process; of the scene's run only the seed counts.
+    Called in a worker process; only the seed of the scene's run is used.
     """
     model = path_scene(model)
     reference = reference_engine(model.scene)
     fine = states_at_knots(model, _paths(model, reference, "fine"))
-    # RMS of each state over paths and knots; 1 where it stays 0.
+    # RMS of each state over paths and knots; 1 if it is 0.
     sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(model, reference, fine, sizes)
@@ -149,12 +148,12 @@ def path_deviation(
 
 
 def _limit(at_step, at_finer):
-    """Extrapolation of second order to short steps."""
+    """Second-order extrapolation to short steps."""
     return at_finer + (at_finer - at_step) / (FINER**2 - 1.0)
 
 
 def _of_mechanics(model, runs, states, compared):
-    """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
+    """Deviation of X from the replayed mass in the limit of short steps; nan if not needed."""
     system = model.system
     holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
     # State and voltage determine the forces on the mass.
@@ -170,7 +169,7 @@ def _of_mechanics(model, runs, states, compared):
 
 
 def path_scene(model: Prepared) -> Prepared:
-    """The prepared scene for a number of steps, from a typical state."""
+    """The prepared scene for the comparison, from a typical state."""
     spacing, period = knot_spacing(model), _period(model)
     step = spacing / steps_per_sample(model)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
@@ -191,7 +190,7 @@ def _period(model):
 
 
 def _typical_start(model):
-    """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
+    """A state of Monte Carlo after many steps, out of contact, as keys of the scene."""
     scene = model.scene
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
@@ -202,10 +201,10 @@ def _typical_start(model):
     system, scales = model.system, model.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
-    # A mass that is pressed against a stopper is never free: the last point is taken.
+    # A mass pressed against a stopper is never free: use the last point.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
     last_free = free[-1] if free.size else -1
-    # A coil with inductance has a current, which no scene can start with.
+    # A scene cannot set the initial current of a coil with inductance.
     names = STATES if isinstance(scene.transducer, PiezoTable) else STATES[:2]
     units = (scales.displacement, scales.displacement, scales.voltage)
     return {
@@ -232,19 +231,19 @@ def _comparable(model, engine, fine, sizes):
 
 
 def _close(shares, largest):
-    """Knots of each path before X or V differs by more than this share of its size."""
+    """Whether X and V of each path, up to each knot, differ by at most this share of the rms."""
     shares = np.abs(shares[..., SMOOTH]).max(axis=2)
     return np.maximum.accumulate(shares, axis=1) <= largest
 
 
 def _largest(shares, compared):
-    """Root mean square over the compared knots of X or V, whichever is larger."""
+    """RMS deviation over the compared knots, of X or V, whichever is larger."""
     inside = shares[compared][:, SMOOTH]
     return float(np.sqrt(np.mean(np.square(inside), axis=0)).max()) if inside.size else np.nan
 
 
 def _mean_squares(paths, fine, compared):
-    """Largest deviation of the mean squares of X' and V over the compared knots, as a share."""
+    """Largest relative deviation of the mean squares of X' and V over the compared knots."""
     if not compared.any():
         return np.nan
     ours, theirs = (np.mean(np.square(states[compared][:, 1:]), axis=0) for states in (paths, fine))
@@ -266,8 +265,8 @@ def replayed(model: Prepared, waveforms: Sequence[Record]) -> np.ndarray:
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
     starts = np.array([start_state(model, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
-    # A load that switches empties the piezo within a step: the mean of the voltage over the step is
-    # used.
+    # The mean voltage over a step is used, since a switching load discharges the piezo within a
+    # step.
     voltage = [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
     push = system.transducer.coupling * np.array(voltage).T
     x, v = starts[:, 0], starts[:, 1]
@@ -281,7 +280,7 @@ def replayed(model: Prepared, waveforms: Sequence[Record]) -> np.ndarray:
 
 
 def _means(waveform, first, ends):
-    """Means of a recorded voltage between these times, `first` being that at the beginning."""
+    """Means of a recorded voltage between these times; `first` is the initial voltage."""
     recorded_times = np.append(0.0, waveform.time)
     times = np.union1d(recorded_times, ends)
     values = np.interp(times, recorded_times, np.append(first, waveform.voltage))
@@ -290,7 +289,7 @@ def _means(waveform, first, ends):
 
 
 def _runge_kutta(system, x, v, first, middle, last, h):
-    """One step under a drive given at its beginning, middle and end."""
+    """One step with a drive given at its beginning, middle and end."""
     half = 0.5 * h
     a1 = first - _resistance(system, x, v)
     v2 = v + half * a1

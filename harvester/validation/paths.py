@@ -18,7 +18,7 @@ def longest_step(model: Prepared, step: str | float, engine: str) -> float:
 
 
 def knot_times(model: Prepared) -> np.ndarray:
-    """Times of the knots 1, 2, … of a run that measures from its beginning (s)."""
+    """Times of the knots 1, 2, … of a run without settling (s)."""
     spacing = knot_spacing(model)
     return spacing * np.arange(1, round(model.scene.run.duration / spacing) + 1)
 
@@ -29,7 +29,7 @@ def noise_at_knots(model: Prepared, index: int) -> np.ndarray:
 
 
 def from_rest(model: Prepared, knots: int, realizations: int) -> Prepared:
-    """The prepared scene for a number of knots of its noise, measured from its beginning."""
+    """The prepared scene from rest for a number of noise knots, without settling."""
     spacing = knot_spacing(model)
     changes = {
         "run.duration": knots * spacing,
@@ -43,7 +43,7 @@ def from_rest(model: Prepared, knots: int, realizations: int) -> Prepared:
 def recorded(
     model: Prepared, engine: str, indices: Sequence[int], step: str | float, **options: Any
 ) -> list[Realization]:
-    """Some realizations with their whole waveforms.
+    """Simulate some realizations with their whole waveforms.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def recorded(
 
 
 def states_at_knots(model: Prepared, realizations: Sequence[Realization]) -> np.ndarray:
-    """States at the knots, which every engine has among its points, scaled.
+    """States at the knots, which are points of every engine, scaled.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""The checks of the program that users call.
+"""The public checks of the program.
 
-A signature and its docstring are the options of a command and their help; what computes is imported
-inside, so that reading them needs no numba.
+Signatures and docstrings define the commands' options and help; computing code is imported inside,
+so that reading them does not import numba.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def verify(
     Other Parameters
     ----------------
     chosen : sequence of Truth or None
-        Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
+        Results from `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
 
     Examples
     --------
@@ -68,12 +68,12 @@ def stability(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
-    """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
+    """Check stiff and extreme variations of one scene; exit code 1 if a result is wrong.
 
     Parameters
     ----------
     scene : Scene, str or Path
-        Device that the cases are variations of; its seed is kept, its run length is not.
+        Device that is varied; its seed is used, its run length is not.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     time_limit : float
@@ -89,7 +89,7 @@ def stability(
     Raises
     ------
     HarvesterError
-        The excitation is no noise.
+        The excitation is not noise.
 
     Examples
     --------
@@ -118,12 +118,12 @@ def accuracy(
     methods: Sequence[ComparedMethod] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Accuracy:
-    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
+    """Error of every method against run time, and time to an error of 10, 3 and 1 %.
 
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; means are compared over its own [run].
+        The scene; its [run] defines the compared means.
     thorough : bool
         More paths, steps and realizations.
     **running
@@ -137,7 +137,7 @@ def accuracy(
     Raises
     ------
     HarvesterError
-        The excitation is no noise, or the reference itself failed.
+        The excitation is not noise, or the reference failed.
     OutOfTime
         The time budget was spent before it was there.
 

@@ -1,4 +1,4 @@
-"""`reproduce`: the paper's figures by closures, Monte Carlo and circuit, and its statements."""
+"""`reproduce`: the paper's figures and statements by closures, Monte Carlo and circuit."""
 
 import itertools
 import time
@@ -40,8 +40,9 @@ from harvester.validation.paper_figures import (
 
 
 class Effort(NamedTuple):
-    """Amount of computation: first realizations, the relative standard error that more are
-    added for, and how many there may be."""
+    """Amount of computation: first realizations, required relative standard error, most
+    realizations.
+    """
 
     realizations: int
     precision: float
@@ -51,7 +52,7 @@ class Effort(NamedTuple):
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
 WITHOUT_NOISE = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
-# All that can be reproduced, in the order in which it is.
+# All that can be reproduced, in order of computation.
 NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
 
 
@@ -64,12 +65,12 @@ class Reproduction(ResultBase):
     layout : PaperFigure
         Panels, curves and axes of the figure.
     scene : Scene
-        The device; curves and axes change it.
+        The device, which curves and axes vary.
     lines : list of list of dict
-        Per panel and curve: {method: [(value, Outcome), …]}, values increasing. Of a `plan` it has
-        a Request instead of each outcome.
+        Per panel and curve: {method: [(value, Outcome), …]}, with ascending values. A `plan` has
+        Requests instead of outcomes.
     wall_seconds : float
-        Wall time from the call until the figure was done (s); figures share points.
+        Wall time from the call until the figure was complete (s); figures share points.
     """
 
     name: str
@@ -107,7 +108,7 @@ class Reproduction(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows: how far each method is from Monte Carlo, and its error bars."""
+        """Header and rows: each method's deviation from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
         what = "deviation from" if self.layout.quantities else "∫|p − p'| dX to"
         header += [f"{what} Monte Carlo: median", "largest"]
@@ -120,7 +121,7 @@ class Reproduction(ResultBase):
         return header, rows
 
     def _findings(self) -> list[str]:
-        """Notes that belong to the figure."""
+        """Notes on the figure."""
         lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
@@ -134,7 +135,7 @@ class Reproduction(ResultBase):
         ]
 
     def answered(self, answers: dict[Request, Outcome], wall_seconds: float) -> "Reproduction":
-        """The figure of a plan with the outcomes of its requests."""
+        """This plan with the outcomes of its requests."""
 
         def of_line(line):
             return {m: [(v, answers[r]) for v, r in points] for m, points in line.items()}
@@ -168,7 +169,7 @@ class Reproduction(ResultBase):
         }
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of numbers, one a point and quantity."""
+        """Header and rows of numbers, one row per point and quantity."""
         header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
         rows = [
             [panel.swept, name_of(curve), method, value, name, e.estimate, e.standard_error]
@@ -179,7 +180,7 @@ class Reproduction(ResultBase):
         return header, rows
 
     def _deviations(self, method, lines):
-        """Relative to Monte Carlo, at each value that both have; of densities the L1 distance."""
+        """Deviations from Monte Carlo at common values; for densities the L1 distance."""
         shares = []
         for line in lines:
             simulated = dict(line["monte-carlo"])
@@ -206,7 +207,7 @@ def reproduce(
     on_figure: Callable[[Any], object] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> list[Any]:
-    """Compute figures and test statements; scenes that several share are computed once.
+    """Compute figures and test statements; common scenes are computed once.
 
     Parameters
     ----------
@@ -217,10 +218,10 @@ def reproduce(
     quick : bool
         Figures with fewer points and shorter runs.
     precision : float or None
-        Relative standard error of E[V²] and PCE at which the figures' simulations stop, instead
-        of the one of `QUICK` or `DEFAULT`.
+        Relative standard error of E[V²] and PCE at which simulations for figures stop; overrides
+        `QUICK` or `DEFAULT`.
     thorough : bool
-        Statements by longer runs, and by the circuit at every condition.
+        Longer runs for statements, and the circuit at every condition.
     on_figure : callable or None
         Called with each result when its last point is computed.
     **running
@@ -229,7 +230,7 @@ def reproduce(
     Returns
     -------
     list of Surfaces, OrbitVoltages, Reproduction or ReproducedStatements
-        After the time budget was spent, missing points are None.
+        Points missing because the time budget was spent are None.
     """
     clock = time.perf_counter()
     names = listed(names, "names", '["fig4"]', str)
@@ -269,7 +270,7 @@ def reproduce(
 
 
 def point_name(panel: FigurePanel, curve: Changes, value: float) -> str:
-    """ "δr = 1.1, D = 0.02": where a point lies."""
+    """ "δr = 1.1, D = 0.02": label of a point."""
     swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
     return swept if dict(curve).get(panel.swept) == value else f"{name_of(curve)}, {swept}"
 
@@ -302,9 +303,9 @@ def plan(name: str, scene: Scene, quick: bool, precision: float | None = None) -
 
 
 def _values(panel, index, curve, quick, is_density):
-    """{method: values that it computes of a curve}; the circuit, a hundred times as slow, has few.
+    """{method: values to compute on a curve}; few for the circuit, which is a hundred times slower.
 
-    A density has the one value of its curve.
+    A density has only the curve's value.
     """
     if is_density:
         methods = [*NOISE_CLOSURES, "monte-carlo", *(["circuit"] if index == 0 else [])]
@@ -330,7 +331,7 @@ def _summary(points, deviations):
 
 
 def distance(density: Any, reference: Any) -> float:
-    """∫|p − p'| dX on the bins of the reference."""
+    """L1 distance ∫|p − p'| dX on the bins of the reference."""
     values = np.interp(reference.centre, density.centre, density.density, 0.0, 0.0)
     width = reference.centre[1] - reference.centre[0]
     return float(np.sum(np.abs(values - reference.density)) * width)

@@ -1,4 +1,4 @@
-"""`stability`: stiff and extreme cases of a scene, each with its verdict.
+"""`stability`: verdicts on stiff and extreme cases of a scene.
 
 Every case is run by every engine and every closure; `verdicts` compares their answers.
 """
@@ -36,20 +36,20 @@ from harvester.validation.verdicts import (
 )
 
 LEGEND = (
-    "a cell names the reference that it agrees with, the sharpest first: path: a fine path on the "
-    "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
+    "a cell names the reference that it agrees with, the most accurate first: path: a fine path on "
+    "the same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
 )
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
 INK = {WRONG: "white", REFUSED: "0.25"}
 # Rows of a page, and the width of a figure in inches.
 PAGE, WIDTH = 30, 12.0
-# Share of the width for the names of cases, and the fewest letters of a column.
+# Share of the width for the names of cases, and fewest characters of a column.
 NAME, SHORTEST = 0.22, 14
 
 
 @dataclass(frozen=True, repr=False)
 class StabilityMatrix(ResultBase):
-    """All rows of one scene; `harvester stability` shows it."""
+    """All rows of one scene; the result of `harvester stability`."""
 
     scene: Scene
     rows: list[CaseRow]
@@ -78,7 +78,7 @@ class StabilityMatrix(ResultBase):
         return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
 
     def view(self) -> View:
-        """The verdict of each cell; a figure has `PAGE` rows, which can be read in print."""
+        """The verdict of each cell; a figure has `PAGE` rows, legible in print."""
         starts = range(0, len(self.rows), PAGE)
         pictures = [
             Picture(_draw, (self, self.rows[first : first + PAGE]), str(number) if first else "")
@@ -104,8 +104,7 @@ class StabilityMatrix(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """Sentences on the verdicts, one line each; a reason is stated once for all cells
-        that share it."""
+        """Sentences on the verdicts, one line each; cells with the same reason share a line."""
         lines = [f"{self.counts} in {self.wall_seconds:.0f} s", LEGEND]
         lines += [f"WRONG {title}, {method}: {reason}" for title, method, reason in self.wrong]
         for word in (UNFINISHED, NOT_JUDGED, REFUSED):
@@ -162,7 +161,7 @@ def matrix_of(
 
 
 def _draw(matrix_and_rows):
-    """Some rows of the table in colour, below the counts of the whole matrix."""
+    """Draw some rows of the table in colour, with the counts of the whole matrix as title."""
     from matplotlib.figure import Figure
 
     matrix, rows = matrix_and_rows

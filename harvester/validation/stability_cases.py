@@ -1,7 +1,7 @@
-"""The stiff and extreme cases of `harvester stability`, and the answer of a method to one.
+"""The stiff and extreme cases of `harvester stability`, and their computation.
 
-Values belong to the scaled equations (Eqs. 4–6) and are converted to the scene's units, so that
-one matrix serves scaled and SI scenes.
+Values refer to the scaled equations (Eqs. 4–6) and are converted to the scene's units, so that the
+same cases apply to scaled and SI scenes.
 """
 
 import math
@@ -32,21 +32,20 @@ from harvester.validation import entries
 from harvester.validation.path_deviation import PathDeviation, path_deviation
 from harvester.validation.paths import ignore, longest_step
 
-# Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
+# Realizations of Monte Carlo's run: few, so that each is long enough for the slowest time scale.
 REALIZATIONS = 4
-# All realizations of a run together take about this many steps.
+# Approximate number of steps of all realizations of a run.
 STEP_BUDGET = 12_000_000
-# A realization settles for this many times the slowest time scale, but at most for this share of
-# the time that the steps allow.
+# Settling time in slowest time scales, and its largest share of the affordable time.
 SETTLED_TIMES = 5.0
 LARGEST_SETTLED_SHARE = 0.2
-# Stoppers for a scene without: gap in units of the wells' distance, stiffness K, restitution e.
+# Stoppers for scenes without any: gap in units of the wells' distance, stiffness K, restitution e.
 GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
 
 METHODS = (*ENGINES, *NOISE_CLOSURES)
-# A run's means count if it has settled for at least this share of `SETTLED_TIMES` slow times.
+# Smallest settling time, as a share of `SETTLED_TIMES` slow times, for means to be used.
 LEAST_SETTLED_SHARE = 0.5
-# Steps of the trial run that measures the number of steps per second.
+# Steps of the trial run that measures steps per second.
 TRIAL_STEPS = 100_000
 
 
@@ -61,8 +60,8 @@ class Case:
     name : str
         Value or values, as text.
     values : dict of str to float, bool, str or None
-        Scaled values by the names in `_scene_value` and, of all stoppers alike, `_OF_STOPPERS`;
-        {"stoppers": None} takes the stoppers away.
+        Scaled values by the names in `_scene_value` and, for all stoppers, `_OF_STOPPERS`;
+        {"stoppers": None} removes the stoppers.
     """
 
     family: str
@@ -90,7 +89,7 @@ def changed(scene: Scene, case: Case) -> Scene:
     Raises
     ------
     SceneError
-        The case is none for this scene.
+        The case does not apply to this scene.
     """
     changes: dict[str, Any] = {"excitation.knot_spacing": None, "run.realizations": REALIZATIONS}
     stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
@@ -103,7 +102,7 @@ def changed(scene: Scene, case: Case) -> Scene:
             dotted, value = _scene_value(scene, name, scaled)
             changes[dotted] = value
     if scene.units == "SI":
-        # The unit of length and the scaled values stay those of the unchanged scene.
+        # Length unit and scaled values remain those of the original scene.
         changes["length_scale"] = length_scale(scene)
     new = prepared(scene.replace(changes))
     settle, duration = run_length(new)
@@ -114,7 +113,7 @@ _OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
 
 
 def _stoppers(scene, values):
-    """Tables of all stoppers with these scaled values; a scene without any gets a pair."""
+    """Tables of all stoppers with these scaled values; a scene without stoppers gets a pair."""
     if not scene.stoppers:
         if values.keys() == {"impact_velocity"}:
             raise SceneError(
@@ -135,12 +134,12 @@ def _stoppers(scene, values):
 
 
 def _units(scene):
-    """One scaled unit of length and of mass, in the scene's."""
+    """Scaled units of length and mass, in the scene's units."""
     return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
 
 
 def _reference_length(system):
-    """The farthest well's distance in scaled units; without wells the gap, or one unit."""
+    """Distance of the farthest well in scaled units; without wells the gap, or 1."""
     bare = system.spring
     wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
     if any(wells):
@@ -148,7 +147,7 @@ def _reference_length(system):
     return min((contact.gap for contact in system.contacts), default=1.0)
 
 
-# Key of the scene of a scaled value, and the powers of the units of length and mass in its unit.
+# Scene key of a scaled value, and powers of length and mass in its unit.
 KEYS = {
     "damping": ("oscillator.damping", 0, 1),
     "intensity": ("excitation.intensity", 2, 0),
@@ -157,7 +156,7 @@ KEYS = {
 
 
 def _scene_value(scene, name, value):
-    """Key of the scene, and its value in the scene's units, of a scaled value (Eq. 3)."""
+    """Key and value in the scene's units of a scaled value (Eq. 3)."""
     length, mass = _units(scene)
     if name == "monostable":
         return _monostable(scene.oscillator)
@@ -167,7 +166,7 @@ def _scene_value(scene, name, value):
     check_name("scaled value", name, (*KEYS, "monostable", "decay_rate", "coupling"))
     in_si = scene.units == "SI"
     if in_si and not isinstance(scene.transducer, PiezoTable):
-        raise SceneError(f"{scene.name}: cases of λ and β want a [piezo]; this device has none")
+        raise SceneError(f"{scene.name}: cases of λ and β need a [piezo]; this device has none")
     if name == "decay_rate":
         rate = {"decay_rate": value}
         if in_si:
@@ -179,7 +178,7 @@ def _scene_value(scene, name, value):
 
 
 def _monostable(oscillator):
-    """The spring with its odd powers alone, all of them stiffening."""
+    """The spring with only its odd powers, all with positive coefficients."""
     if oscillator.force_table is not None:
         raise SceneError("the case monostable needs a polynomial spring, not a force_table")
     if oscillator.restoring_force is None:
@@ -206,13 +205,13 @@ def slowest_time(system: System) -> float:
 @register
 @dataclass(frozen=True)
 class CaseAnswer:
-    """The answer of one engine or closure to one case, in scaled units.
+    """The result of one engine or closure for one case, in scaled units.
 
     Attributes
     ----------
     estimates : dict of str to Estimate
-        Means: Monte Carlo's with their standard errors, a closure's with its numerical ones; none
-        of the circuit, whose run is too short for them.
+        Means with standard errors (Monte Carlo) or numerical errors (closure); empty for the
+        circuit, whose run is too short.
     residual : float or None
         Residual of the energy balance; None for a closure.
     seconds : float
@@ -220,9 +219,9 @@ class CaseAnswer:
     steps, realizations : int
         0 for a closure.
     duration, settle, step : float or None
-        Times of each realization as it was run, and its longest step (s); None for a closure.
+        Times of each realization, and its longest step (s); None for a closure.
     settled : bool
-        The transient had passed before the means were taken.
+        Whether the transient had decayed before the means were taken.
     path : PathDeviation or None
         None for a closure.
     """
@@ -242,7 +241,7 @@ class CaseAnswer:
 def answer(
     prepared_scene: Prepared, method: str, step: str | float, report: Callable
 ) -> CaseAnswer:
-    """One case by one engine or closure; a warning counts as an error."""
+    """Compute one case by one engine or closure; a warning counts as an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         if method in ENGINES:
@@ -281,7 +280,7 @@ def _run(model, step):
 
 
 def _affordable(model, step):
-    """The scene with its run shortened until the steps in contacts fit the budget."""
+    """The scene with its run shortened so that the steps in contacts fit the budget."""
     scene = model.scene
     length = scene.run.settle + scene.run.duration
     brief = min(TRIAL_STEPS * longest_step(model, step, "monte-carlo"), length)

@@ -1,9 +1,9 @@
-"""The paper's statements on trends, as data of paper.toml, and their tests.
+"""The paper's statements on trends, from paper.toml, and their tests.
 
-A test lists the changes of the scene that it needs at a condition (`scenes`), and evaluates
-them (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
-none. Differences of two simulations are paired batch by batch on their common noise, which is
-valid whether or not the paths stay together: it is the error of the difference itself.
+A test lists the changes of the scene that it needs at a condition (`scenes`). It evaluates them
+(`findings`) from `read(changes)`, which returns the method's answer or None. Differences of two
+simulations are paired batch by batch on common noise. The error is that of the difference, whether
+or not the paths stay together.
 """
 
 import itertools
@@ -25,11 +25,11 @@ from harvester.validation.paper_figures import KEY_SYMBOLS, SYMBOL_KEYS, Changes
 
 # The peak of a density is its mean over this width of X.
 PEAK_WIDTH = 0.1
-# |X| is beyond the reach of the motion with this probability.
+# Probability of |X| beyond the reach of the motion.
 BEYOND = 0.01
-# Gives a method's answer for some changes of the scene, or None if it has none.
+# Returns a method's answer for changes of the scene, or None.
 Read: TypeAlias = Callable[[Changes], Answer | None]
-# At this noise jumps between the wells are frequent.
+# Noise at which jumps between the wells are frequent.
 JUMPING = ((SYMBOL_KEYS["D"], 0.08),)
 
 
@@ -40,15 +40,15 @@ class Finding:
     Attributes
     ----------
     effect : float
-        A share, with the sign of the finding.
+        Signed relative effect.
     error : float
         Standard error of the effect, or its numerical error.
     favours : int
-        Sign of an effect that speaks for the statement.
+        Sign of an effect that supports the statement.
     decisive : bool
-        Whether the statement needs it; steps of a trend only may speak against it.
+        Whether the statement needs it; steps of a trend can only contradict it.
     margin : float or None
-        Margin below a limit, which decides instead of the effect.
+        Margin below a limit, used instead of the effect.
     """
 
     where: str
@@ -69,28 +69,28 @@ class Finding:
 
 @dataclass(frozen=True)
 class StatementTest:
-    """A test that each method is put to.
+    """A test applied to each method.
 
     Attributes
     ----------
     quantity : str
         Quantity of an answer, or one of `FEATURES` of its density.
     swept : str
-        Key along whose `values` the quantity is followed.
+        Key whose `values` the quantity is evaluated at.
     ranges, weak : tuple of (key, ends)
-        Ranges of keys, from the first to the last end of which the quantity changes.
+        Ranges of keys; the change of the quantity is from the first to the last end.
     rises : bool
         Direction of a trend.
     limit : float
-        Share that a change is compared with.
+        Limit of a relative change.
     other : str
         A second quantity.
     quantities : tuple of str
     compares : bool
-        `findings` takes a second `read` for Monte Carlo.
+        Whether `findings` takes a second `read` for Monte Carlo.
     of_orbits : bool
-        It is about orbits without noise: `findings` takes the scene, and only the paper's closure
-        is asked.
+        Whether it concerns orbits without noise: `findings` takes the scene, and only the paper's
+        closure is used.
     """
 
     quantity: str = ""
@@ -105,7 +105,7 @@ class StatementTest:
     compares, of_orbits = False, False
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """The changes of the scene whose answers this test needs; without any the condition."""
+        """The changes of the scene whose answers this test needs; by default the condition."""
         places = [(self.swept, value) for value in self.values]
         places += [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
         return [with_value(condition, *point) for point in places] or [condition]
@@ -127,12 +127,12 @@ class StatementTest:
 
 
 class _Followed(StatementTest):
-    """Base of tests that follow a quantity along values of one key, at least `fewest`."""
+    """Base of tests of a quantity along at least `fewest` values of one key."""
 
     fewest = 3
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """A finding of each of `steps`, from the values with an answer that has the quantity."""
+        """A finding per step in `steps`, from the values whose answers have the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
         points = [(v, answer) for v, answer in pairs if answer and _has(answer, self.quantity)]
@@ -145,17 +145,17 @@ class _Followed(StatementTest):
         return findings
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
-        """(first point, last point, sign of a change that favours it, whether decisive)."""
+        """(first point, last point, sign of a supporting change, whether decisive)."""
         raise NotImplementedError
 
 
 class Trend(_Followed):
-    """A quantity rises (or falls) along values of one key: every step, and the whole."""
+    """A quantity rises (or falls) along values of one key: in every step, and in total."""
 
     fewest = 2
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
-        """Every step between neighbours, and the whole."""
+        """Every step between neighbours, and the total change."""
         favours = 1 if self.rises else -1
         inner = itertools.pairwise(points) if len(points) > 2 else ()
         steps = [(*step, favours, False) for step in inner]
@@ -165,23 +165,23 @@ class Trend(_Followed):
 class InteriorMaximum(_Followed):
     """A quantity is higher somewhere inside a range than at both ends.
 
-    The highest interior point is chosen from the same data, which favours the statement by less
-    than a standard error.
+    Choosing the highest interior point from the same data biases the test towards the statement by
+    less than a standard error.
     """
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
-        """The best interior point against either end."""
+        """The best interior point compared with each end."""
         best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
         return [(end, best, 1, True) for end in (points[0], points[-1])]
 
 
 class SingleHump(_Followed):
-    """A quantity rises from the first value on to one maximum and falls after it."""
+    """A quantity rises from the first value to one maximum and then falls."""
 
     def steps(self, points: list[tuple[float, Answer]]) -> list[tuple]:
-        """Every step, in the direction it should have."""
+        """Every step, with its expected direction."""
         values = [answer.quantities[self.quantity].estimate for _, answer in points]
-        # A rise up to the edge is no maximum either: the last step before the edge has to fall.
+        # A maximum at an end does not count: the last step must fall.
         top = min(max(int(np.argmax(values)), 1), len(points) - 2)
         pairs = enumerate(itertools.pairwise(points))
         return [(*pair, 1 if k < top else -1, True) for k, pair in pairs]
@@ -191,7 +191,7 @@ class LargerEffect(StatementTest):
     """Each key of `ranges` changes a quantity more than each of `weak`."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """For every strong and every weak key: the difference of the sizes of their changes."""
+        """For every pair of strong and weak keys: the difference of their absolute changes."""
         both = (self.changes(condition, read, ranges) for ranges in (self.ranges, self.weak))
         findings = []
         for (strong, _, ours), (weak, _, theirs) in itertools.product(*both):
@@ -207,7 +207,7 @@ class Unchanged(StatementTest):
     favours = 1
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """A finding for each key, with the margin by which its change stays below the limit."""
+        """A finding per key, with the margin of its change below the limit."""
         return [
             Finding(where, *change, self.favours, margin=self.limit - abs(change[0]))
             for _, where, change in self.changes(condition, read, self.ranges)
@@ -221,12 +221,12 @@ class Changed(Unchanged):
 
 
 class OppositeTrends(StatementTest):
-    """The quantity `other` rises where `quantity` falls, over ranges of some keys."""
+    """The quantity `other` rises if `quantity` falls, over ranges of some keys."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The other's change, for the statement when it is against the first one's.
 
-        As sure as the less sure of the two signs.
+        Its significance is that of the less certain sign.
         """
         changes = self.changes(condition, read, self.ranges, self.other)
         others = {where: change for _, where, change in changes}
@@ -244,7 +244,7 @@ class Bimodal(StatementTest):
     """The density of X is lower at 0 than at its peak."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Findings: by how much the density at 0 is below its peak, as a share of the peak."""
+        """Findings: the density's drop from peak to X = 0, relative to the peak."""
         answer = read(condition)
         if answer is None or answer.density is None:
             return []
@@ -254,12 +254,12 @@ class Bimodal(StatementTest):
 
 
 class Agreement(StatementTest):
-    """Quantities are within a share of Monte Carlo's."""
+    """Quantities agree with Monte Carlo within a relative limit."""
 
     compares = True
 
     def findings(self, condition: Changes, read: Read, reference: Read) -> list[Finding]:
-        """The deviations, by how far they stay below the limit."""
+        """The deviations, with their margins below the limit."""
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
@@ -294,11 +294,11 @@ class Claim:
     Attributes
     ----------
     sentence : str
-        Quoted, shortened.
+        Shortened quotation.
     says : str
-        The tested statement in a few words.
+        Short form of the tested statement.
     conditions : tuple of tuple of (key, value)
-        Changes of the scene; the statement must hold under each of them.
+        Changes of the scene; the statement must hold under each.
     """
 
     section: str
@@ -331,14 +331,14 @@ CLAIMS = tuple(_claim(**entry) for entry in entries("paper")["statement"])
 
 
 def with_value(condition: Changes, key: str, value: float) -> Changes:
-    """The condition with one key set, sorted: equal changes are equal."""
+    """The condition with one key set, sorted so that equal changes compare equal."""
     return tuple(sorted({**dict(condition), key: value}.items()))
 
 
 def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
-    """Change from the first answer to the second as a share of the first, and its error.
+    """Relative change from the first answer to the second, and its error.
 
-    Paired on the common noise where both have their moments; None of nothing.
+    Paired on common noise if both have moments; None if the first value is 0 or missing.
     """
     if first.moments and second.moments:
         paired = paired_difference(second, first).get(quantity)
@@ -348,7 +348,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
 
 
 def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
-    """Relative change and its error, if both errors are independent."""
+    """Relative change and its error, for independent errors."""
     (a, error_a), (b, error_b) = _value(first, quantity), _value(second, quantity)
     if not a:
         return None
@@ -376,7 +376,7 @@ def _at(condition):
 
 
 def _smooth(density):
-    """Averages over `PEAK_WIDTH`."""
+    """Moving averages over `PEAK_WIDTH`."""
     reach, step = max(np.abs(density.centre).max(), 2.0 * PEAK_WIDTH), PEAK_WIDTH / 16
     centre = np.arange(-reach, reach + step, step)
     errors = density.standard_error
@@ -388,10 +388,10 @@ def _smooth(density):
     )
 
 
-# Numbers that statements read off a density p(X), each with its error. Bins that are summed count
-# as fully correlated, which is cautious.
+# Features of a density p(X) for statements, with errors. Summed bins count as fully correlated,
+# which is conservative.
 def peak_of(density: Density) -> tuple[float, float]:
-    """(highest average of p(X) over a width of X, its error), whatever the grid."""
+    """(highest average of p(X) over `PEAK_WIDTH`, its error), for any grid."""
     centre, values, errors = _smooth(density)
     top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
     return values[top], errors[top]
@@ -405,7 +405,7 @@ def middle_of(density: Density) -> tuple[float, float]:
 
 
 def reach_of(density: Density) -> tuple[float, float]:
-    """(distance from X = 0 that the motion exceeds for `BEYOND` of the time, its error)."""
+    """(distance from X = 0 that is exceeded for the share `BEYOND` of the time, its error)."""
     centre = density.centre
     order = np.argsort(-np.abs(centre))
     width = np.gradient(centre)[order]
@@ -415,7 +415,7 @@ def reach_of(density: Density) -> tuple[float, float]:
     if density.standard_error is None:
         return distance, 0.0
     error = (density.standard_error[order] * width)[: last + 1].sum()
-    # The two sides together give the slope of the tail's probability.
+    # Both sides together give the slope of the tail's probability.
     return distance, error / (2.0 * density.density[order][last])
 
 

@@ -1,4 +1,4 @@
-"""Measured expressions of `verify`: tasks that give (value, error) of other than a scene's mean."""
+"""Tasks of `verify` that return (value, error) of quantities other than a scene's mean."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,8 +15,8 @@ from harvester.statistics.run_estimates import run_estimates
 from harvester.validation import STATES, exact_paths, other_programs
 from harvester.validation.paths import recorded, states_at_knots
 
-# Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
-# the knots 1, 2, …
+# Other programs for a scene's first path. Each returns X and the terminal voltage, scaled, at the
+# knots 1, 2, …
 OTHERS: dict[str, Callable[[Prepared], np.ndarray]] = {
     "DOP853": lambda model: exact_paths.run(model, 0)[:, [0, 2]],
     "Radau": other_programs.bridge_path,
@@ -24,13 +24,12 @@ OTHERS: dict[str, Callable[[Prepared], np.ndarray]] = {
     "VACASK": other_programs.vacask,
 }
 COLUMNS = ("displacement", "voltage")
-# Of the Silverbox the sampling rate (Hz) and the published split (nonlinear_benchmarks), which
-# leaves out the first samples of the test.
+# Silverbox: sampling rate (Hz) and published split (nonlinear_benchmarks), without the first
+# samples of the test.
 RATE = 1e7 / 2**14
 TRAINED, TESTED, SKIPPED_SAMPLES = (40_650, 105_712), (105_712, 127_400), 50
-# Tilts of the beam's base (degrees) and, by frequency (Hz), the levels of the shaker (mV) with
-# turned magnets left out. At 9.1 Hz and 200 mV there is one record, of another frequency than its
-# name's.
+# Tilts of the beam's base (degrees) and, by frequency (Hz), shaker levels (mV), without records
+# with rotated magnets. The record at 9.1 Hz and 200 mV has another frequency than its name says.
 TILTS, LEVELS = (0, 10, 25, 45), {6.3: (25, 50, 100, 150, 200), 9.1: (25, 50, 100, 150)}
 BEAM_FILES = {
     (tilt, frequency, level): f"base_rotation_phi={tilt}/single_freq/freq_{frequency:g}Hz/"
@@ -44,7 +43,7 @@ FITTED = ((0, 6.3, 100), (0, 6.3, 150), (0, 9.1, 25), (0, 9.1, 50))
 
 
 def rebound(prepared_scene: Prepared, engine: str, report: Callable) -> tuple[float, float]:
-    """Rebound speed off a stopper: at the end of a run whose mass hits it with speed 1."""
+    """Rebound speed from a stopper, at the end of a run whose mass hits it with speed 1."""
     [path] = recorded(prepared_scene, engine, [0], "default")
     return -float(path.waveform.velocity[-1]), 0.0  # type: ignore[union-attr]
 
@@ -52,7 +51,7 @@ def rebound(prepared_scene: Prepared, engine: str, report: Callable) -> tuple[fl
 def deviation_from_other_program(
     prepared_scene: Prepared, engine: str, step: str, other: str, column: str, report: Callable
 ) -> tuple[float, float]:
-    """Root mean square difference from another path at the knots, relative to the rms of the path.
+    """RMS difference from another program's path at the knots, relative to that path's rms.
 
     `other` is one of `OTHERS`, `column` of `COLUMNS`.
     """
@@ -66,7 +65,7 @@ def deviation_from_other_program(
 def highest(
     scenes: Sequence[Scene], engine: str, quantity: str, report: Callable
 ) -> tuple[float, float]:
-    """The largest value of a quantity (scaled) among some scenes without noise."""
+    """The largest value of a quantity (scaled) among several scenes without noise."""
     values = []
     for scene in scenes:
         model = prepared(scene)
@@ -79,7 +78,7 @@ def highest(
 def silverbox_error(
     place: str, digest: str, prepared_scene: Prepared, report: Callable
 ) -> tuple[float, float]:
-    """NRMSE of a run from rest through the test part."""
+    """Normalised RMS error of a run from rest over the test data."""
     values = np.genfromtxt(place, delimiter=",", skip_header=1)[:, :2]
     values = values - values[slice(*TRAINED)].mean(axis=0)
     (u, y), (tried, response) = (values[slice(*part)].T for part in (TRAINED, TESTED))
@@ -96,14 +95,14 @@ def silverbox_error(
 def beam_claims(
     place: str, digest: str, prepared_scene: Prepared, report: Callable
 ) -> tuple[float, float]:
-    """Share of the claimed validation records that lie within their intervals.
+    """Share of the validation records with a claim that lie within their intervals.
 
-    The tilt of the base is a constant force, found in each record of another tilt.
+    The tilt of the base is a constant force, fitted in each record of another tilt.
     """
 
     def record(tilt, frequency, level):
         file = Path(place) / BEAM_FILES[tilt, frequency, level]
-        # A resistor's voltage has no mean: a mean is the channel's offset.
+        # A resistor's voltage has zero mean: the mean is the channel's offset.
         offset = float(np.loadtxt(file, delimiter=",", usecols=3).mean())
         settings = {"time": "0:s", "acceleration": "1:g", "voltage": "3:V"}
         tilt_force = {"oscillator.restoring_force[0]": "free"} if tilt else {}

@@ -1,4 +1,4 @@
-"""Simulated time per second of each way to run the circuit, as ratios measured in one run."""
+"""Measures the simulated time per second of each variant of the circuit."""
 
 import datetime
 import math
@@ -19,24 +19,23 @@ from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation.paths import from_rest
 
-# Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
-# point by point.
+# Knots per realization. The time of a PWL source depends on this, since ngspice scans its points.
 KNOTS = 20_000
-# Measurements of which the fastest counts: other work on the machine only slows one down.
+# Number of measurements, of which the fastest is used, since other work slows runs down.
 REPEATS = 5
 
 
 @register
 @dataclass(frozen=True)
 class Throughput:
-    """One way to run the circuit.
+    """One variant of running the circuit.
 
     Attributes
     ----------
     copies : int
-        Realizations side by side in each netlist.
+        Realizations per netlist.
     rate : float
-        Simulated seconds per second, all realizations together.
+        Simulated seconds per second, sum over realizations.
     """
 
     name: str
@@ -46,7 +45,7 @@ class Throughput:
 
 
 def task(scene: Scene, version: str) -> Task:
-    """The task of every way to run a scene's circuit; `version`: the circuit engine's."""
+    """The task that measures all variants of a scene's circuit; `version`: the engine's."""
     settings = {"compiled": "compiled" in version, "knots": KNOTS, "repeats": REPEATS}
     return Task(measured_alone, {"scene": scene, **settings}, version, "throughput")
 
@@ -54,8 +53,7 @@ def task(scene: Scene, version: str) -> Task:
 def measured_alone(
     prepared_scene: Prepared, compiled: bool, knots: int, repeats: int, report: Callable
 ) -> dict[str, Any]:
-    """The `rows` of `measure` and the `machine`, measured from a worker with processes of
-    its own."""
+    """The `rows` of `measure` and the `machine`, measured in a worker with separate processes."""
     with WorkerPool(workers=2) as pool:
         return {
             "rows": measure(prepared_scene, pool, compiled, knots, repeats),
@@ -76,10 +74,10 @@ def machine() -> dict[str, Any]:
 def measure(
     model: Prepared, pool: Workers, compiled: bool, knots: int, repeats: int
 ) -> list[Throughput]:
-    """Measure every way to run a scene's circuit; of `repeats` measurements the best counts.
+    """Measure every variant of a scene's circuit; the best of `repeats` measurements is used.
 
-    The first is a source in the netlist, the second one realization by the external source, both
-    with one knot as the longest step; the others take the default step. The ratio of two processes
+    The first is a source in the netlist, the second one realization with the external source, both
+    with one knot as the longest step; the others have the default step. The ratio of two processes
     to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
@@ -96,7 +94,7 @@ def measure(
         ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
 
     def rate(name, copies, processes, options):
-        """Time some netlists at once, each with some copies; the more, the fewer knots."""
+        """Time some concurrent netlists, each with some copies; more copies have fewer knots."""
         count = math.ceil(knots / math.sqrt(copies))
         call = {
             "prepared_scene": from_rest(model, count, copies * processes),
@@ -110,14 +108,13 @@ def measure(
         return Throughput(name, copies, processes, len(done) * count * spacing / seconds)
 
     pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
-    # The ways are measured alternately, so that other work on the machine affects all of them
-    # alike.
+    # The variants are measured alternately, so that other work on the machine affects all equally.
     rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 
 
 def ratios(rows: list[Throughput]) -> dict[str, float]:
-    """External source over PWL, and every way over one realization, {name: ratio}."""
+    """{name: ratio}: external source to PWL, and every variant to one realization."""
     if not rows:
         return {}
     pwl, external, single = rows[:3]

@@ -1,9 +1,9 @@
-"""Verdicts of `harvester stability`: each cell rests on independent comparisons of known sharpness.
+"""Verdicts of `harvester stability`, from independent comparisons of known accuracy.
 
-A reference shares no fault with the answer that is compared with it: the path with a fine one,
-Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
-Each comparison states its resolution. A cell is *right* if no reference disagrees and one at
-least is known to 2 % or better; else it is *not judged*.
+References are independent of the compared answer: a fine path for a path, the stationary solution
+or a closed form for Monte Carlo's means, a coarser grid for a closure. Each comparison states its
+resolution. A cell is *right* if no reference disagrees and at least one is known to 2 % or better;
+else it is *not judged*.
 """
 
 import math
@@ -26,21 +26,21 @@ WORDS = (RIGHT, REFUSED, NOT_JUDGED, UNFINISHED, WRONG)
 REFUSALS = (SceneError, LoadError, AveragingError)
 # Largest residual of the energy balance, as a share of the energy.
 LARGEST_RESIDUAL = 0.01
-# A comparison counts if it is known to this relative error or better.
+# Largest relative error of a comparison that counts.
 SHARP_ENOUGH = 0.02
-# Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
-# and normal, one matrix in eighty would have a false alarm.
+# Largest deviation of means in joint standard errors: with 200 independent normal comparisons, one
+# matrix in eighty has a false alarm.
 LARGEST_SIGMAS = 4.0
-# Relative error of the stationary solution in addition to its stated numerical error (one standard
-# deviation), as long simulations showed.
+# Relative error (one standard deviation) of the stationary solution in addition to its stated
+# numerical error, from long simulations.
 SOLVER_ERROR = 5e-3
-# Largest deviation of the mean squares along comparable paths, at the step asked for.
+# Largest deviation of the mean squares along comparable paths at the requested step.
 LARGEST_STEP_BIAS = 0.03
-# Fewest periods for which paths are comparable, and the share of them that an engine follows.
+# Smallest comparable length of paths in periods, and share of it that an engine must follow.
 FEWEST_PERIODS = 1.0
 LEAST_FOLLOWED = 0.1
-# Largest deviation of a closure from its own coarser grid. The stationary solution has a limit of
-# its own.
+# Largest deviation of a closure from its coarser grid; the stationary solution has a separate
+# limit.
 LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
 USUAL_NUMERICAL_ERROR = 1e-3
 SOLVER = "fokker_planck"
@@ -53,16 +53,16 @@ SHORT_NAMES = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """Comparison with one reference: a deviation and its limit, as shares.
+    """Comparison with one reference: relative deviation and its limit.
 
     Attributes
     ----------
     of : str
         Name of the compared quantity.
     sharpness : float
-        Joint standard error of means; of a path the deviation that its step explains.
+        Joint standard error of means; for a path the deviation explained by its step.
     largest : float
-        Deviation up to which both agree.
+        Largest deviation that counts as agreement.
     """
 
     reference: str = field(metadata=key("judge"))
@@ -73,12 +73,12 @@ class Evidence:
 
     @property
     def agrees(self) -> bool:
-        """True if the deviation is within the limit; NaN counts as exceeding it."""
+        """Whether the deviation is within the limit; False for NaN."""
         return abs(self.deviation) <= self.largest
 
     @property
     def sharp(self) -> bool:
-        """Whether the comparison is good enough to call a cell right."""
+        """Whether the comparison is accurate enough to call a cell right."""
         return self.sharpness <= SHARP_ENOUGH
 
     def __str__(self):
@@ -95,15 +95,14 @@ class CaseVerdict:
 
     @property
     def references(self) -> list[Evidence]:
-        """The first evidence by each reference (on E[V²] if there is any) that is sharp enough,
-        sharpest first."""
+        """Sharp evidence, one per reference (preferably on E[V²]), most accurate first."""
         first: dict[str, Evidence] = {}
         for evidence in self.evidence:
             first.setdefault(evidence.reference, evidence)
         return sorted((e for e in first.values() if e.sharp), key=lambda e: e.sharpness)
 
     def text(self) -> str:
-        """The verdict's word, or the references and how sharp they are."""
+        """The verdict, or the references and their accuracy."""
         if self.word != RIGHT:
             return self.word
         return ", ".join(f"{_short(e.reference)} {_percent(e.sharpness)}" for e in self.references)
@@ -111,12 +110,12 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case: the outcome of every engine and closure, and the verdict on each.
+    """One case: outcome and verdict of every engine and closure.
 
     Attributes
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
-        Answers by engine and closure; None if time ran out before one.
+        Answers by engine and closure; None if the time budget was spent before.
     cells : dict of str to CaseVerdict
     """
 
@@ -138,7 +137,7 @@ class CaseRow:
 
 
 def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
-    """The row of one case from the outcomes of engines and closures; `scene`: the case's."""
+    """The row of one case from the outcomes of engines and closures; `scene`: of the case."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
     answered = {method: answers[method] for method, cell in cells.items() if cell is None}
     for method, answer in answered.items():
@@ -148,7 +147,7 @@ def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> Cas
 
 
 def _without_answer(outcome):
-    """The verdict if there is no answer; else None."""
+    """The verdict without an answer; None if there is an answer."""
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:
@@ -183,7 +182,7 @@ def _why_not(answer, evidence):
 
 
 def _of_engine(answer):
-    """Evidence on an engine, from its paths compared with fine ones."""
+    """Evidence on an engine, from the comparison of its paths with fine ones."""
     path = answer.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
@@ -204,7 +203,7 @@ def _of_engine(answer):
 
 
 def _of_closure(closure, answer):
-    """Evidence from the coarser grid: how well the closure solves its own equations."""
+    """Evidence on a closure's numerical error, from the coarser grid."""
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
     for name in MEANS:
@@ -217,12 +216,12 @@ def _of_closure(closure, answer):
 def _of_means(method, scene, answered):
     """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
 
-    Only these two claim to solve the equations themselves.
+    Only these two solve the equations without further approximation.
     """
     simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
     model = prepared(scene)
     if isinstance(model.system.transducer, BaseForcedPiezo):
-        # The stationary solution omits the charge that the base's motion moves.
+        # The stationary solution neglects the charge moved by the base.
         solved = None
     if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:
         return []
@@ -235,8 +234,7 @@ def _of_means(method, scene, answered):
         for comparison in _of_mean(form, name, simulated.estimates[name], value, error)
     ]
     if solved:
-        # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
-        # is wrong.
+        # If circuit and Monte Carlo follow the same path, the stationary solution is wrong.
         by_path = _of_engine(answered["circuit"]) if "circuit" in answered else ()
         same_path = bool(by_path) and all(comparison.agrees for comparison in by_path)
         pair = _of_pair(simulated, solved, SOLVER)
@@ -252,7 +250,7 @@ def _of_pair(simulated, solved, reference):
 
 
 def _of_mean(reference, name, ours, value, error):
-    """Evidence on one mean, none without an error bar or where nothing is harvested."""
+    """Evidence on one mean; none without an error bar or without harvested power."""
     if ours.standard_error is None or ours.estimate == value == 0.0:
         return
     joint = _share(math.hypot(ours.standard_error, error), value)
@@ -261,7 +259,7 @@ def _of_mean(reference, name, ours, value, error):
 
 
 def _share(part, total):
-    """part/total, and 0 if both vanish."""
+    """part/total; 0 if both are 0."""
     if part == 0.0:
         return 0.0
     return part / abs(total) if total else math.inf
@@ -276,5 +274,5 @@ def _short(reference):
 
 
 def _percent(share):
-    """A percentage with one digit, or two if the first is 1."""
+    """A percentage with two significant digits."""
     return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"

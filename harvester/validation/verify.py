@@ -1,4 +1,4 @@
-"""`verify`: exact, published and measured results compared with this project's; two pages."""
+"""`verify`: compares exact, published and measured results with this project's; two pages."""
 
 from __future__ import annotations
 
@@ -23,28 +23,27 @@ from harvester.validation import entries
 from harvester.validation.known_results import Truth, catalogue, measured, scatter_of
 from harvester.version import __version__
 
-# Agreement is meaningful if the error of a result is at most this share of the exact value.
+# Largest relative error of a result for which agreement is meaningful.
 SHARPEST_NEEDED = 0.15
 HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
     "holds", "FAILS", "not known well enough", "refused", "not here", "unfinished",
 )  # fmt: skip
-# Verdict on a measured device whose values are partly inferred, if a prediction lies beyond the
-# limit.
+# Verdict if a prediction for a measured device, with partly inferred values, exceeds the limit.
 MISSES = "misses"
 
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One method compared with one truth.
+    """One method compared with one known result.
 
     Attributes
     ----------
     value, standard_error : float
-        nan where there is none.
+        nan without a result.
     reason : str
-        Why there is none.
+        Why there is no result.
     ended : str
-        The verdict where there is none.
+        The verdict without a result.
     """
 
     truth: Truth
@@ -56,7 +55,7 @@ class TruthRow:
 
     @property
     def limit(self) -> float:
-        """Largest difference that is no disagreement."""
+        """Largest difference that counts as agreement."""
         return SIGNIFICANT_SIGMAS * self.standard_error + self.truth.allowance
 
     @property
@@ -101,7 +100,7 @@ class TruthRow:
 
 
 def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
-    """A method's answer for a truth, the error that ended it, or None."""
+    """Row of a known result and a method's outcome: an answer, an error, or None."""
     if outcome is None:
         return TruthRow(truth, method, reason=UNFINISHED, ended=UNFINISHED)
     if isinstance(outcome, ProgramNotFound):
@@ -120,7 +119,7 @@ def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
 
 @dataclass(frozen=True, repr=False)
 class Verification(ResultBase):
-    """All rows; `harvester verify` shows it. `date`: the current date, in ISO 8601."""
+    """All rows; the result of `harvester verify`. `date`: the current date, in ISO 8601."""
 
     rows: list[TruthRow]
     wall_seconds: float
@@ -135,12 +134,12 @@ class Verification(ResultBase):
 
     @property
     def failed(self) -> list[TruthRow]:
-        """Rows that disagree, except measured devices."""
+        """Rows that disagree, without measured devices."""
         return [row for row in self.rows if row.verdict == FAILS]
 
     @property
     def exact(self) -> list[TruthRow]:
-        """Rows whose truth was derived or computed, not measured."""
+        """Rows of derived or computed results, without measured ones."""
         return [row for row in self.rows if not row.truth.device]
 
     @property
@@ -156,7 +155,7 @@ class Verification(ResultBase):
         return header, [row.cells() for row in self.rows]
 
     def _findings(self) -> list[str]:
-        """Number of rows that hold, and details of the others."""
+        """Number of agreeing rows, and details of the others."""
         lines = self._exact_sentences()
         if self.measured:
             within = sum(row.verdict == HOLDS for row in self.measured)
@@ -166,7 +165,7 @@ class Verification(ResultBase):
             )
         for name, rows in _by_device(self.measured).items():
             reason = next((row.reason for row in rows if row.reason), "")
-            # A set that was downloaded is one row.
+            # A downloaded data set is one row.
             single = f"{rows[0].value:.2%} {rows[0].truth.unit}, {rows[0].verdict}"
             prediction = f"predicted {summary(rows)}" if len(rows) > 1 else single
             lines.append(f"{name}: {reason or prediction}")
@@ -185,12 +184,12 @@ class Verification(ResultBase):
         ]
 
     def markdown(self) -> str:
-        """A page with the table, numbered sources and everything about rows that do not hold."""
+        """A page with the table, numbered sources and details of rows that do not agree."""
         sources = list(dict.fromkeys(row.truth.source for row in self.exact))
         lines, before = [[*self._table()[0], "source"]], None
         for row in self.exact:
             cells = row.cells()
-            # The truth is printed once if several methods are compared with it.
+            # A result is printed once if several methods are compared with it.
             named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
@@ -206,7 +205,7 @@ class Verification(ResultBase):
         )
 
     def texts(self) -> dict[str, str]:
-        """The pages of the results and, where there are any, of the measured devices."""
+        """The pages of the known results and, if present, of the measured devices."""
         devices = {"-measured.md": measured_page(self.measured, self.date)} if self.measured else {}
         return {".md": self.markdown(), **devices}
 
@@ -220,7 +219,7 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
         Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
         Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
     }
-    # An entry that is neither a request nor a task is the reason why nothing can be computed.
+    # An entry that is neither a request nor a task is the reason why it cannot be computed.
     rows = [
         row_of(truth, method, next(outcomes.get(type(question), iter([question]))))
         for truth, method, question in asked
@@ -230,7 +229,7 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
 
 
 def measured_page(rows: Sequence[TruthRow], date: str) -> str:
-    """Markdown of the rows of measured devices: every point, inferred values, and deviations."""
+    """Markdown page of measured devices: every point, inferred values, and deviations."""
     tables, by_device = entries("known_results"), _by_device(rows)
     parts = []
     for device in tables["device"]:
@@ -244,7 +243,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     cures = {entry["device"]: entry["cure"] for entry in tables["set"]}
     lines = []
     for row in (row for name in cures for row in by_device.get(name, ())):
-        # The exact share, or the largest share that others published.
+        # The exact share, or the largest published share.
         exact, most = row.truth.exact, row.truth.allowance
         expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
         value = "" if row.reason else f"{row.value:.2%}"
@@ -267,7 +266,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
 
 
 def _points(rows):
-    """The table of one device, a line for each point."""
+    """The table of one device, one line per point."""
     methods = list(dict.fromkeys(row.method for row in rows))
     lines = [["point", "measured, mean power [µW]", *methods, "allowed", "verdict"]]
     for title, group in itertools.groupby(rows, lambda row: row.truth.title):
@@ -284,7 +283,7 @@ def _points(rows):
 
 
 def summary(rows: Sequence[TruthRow]) -> str:
-    """Mean and range of the deviations of one device, and how many of its points are missed."""
+    """Mean and range of one device's deviations, and the number of missed points."""
     deviations = [row.deviation for row in rows if not row.reason]
     if not deviations:
         return "nothing yet."
@@ -296,7 +295,7 @@ def summary(rows: Sequence[TruthRow]) -> str:
 
 
 def _by_device(rows):
-    """The rows by their device, in the order of the rows."""
+    """The rows by device, in order."""
     grouped: dict[str, list[TruthRow]] = {}
     for row in rows:
         grouped.setdefault(row.truth.device, []).append(row)

@@ -1,4 +1,4 @@
-"""The head of a block's file: content, pins, and limits of accuracy."""
+"""The header of a block's file: content, pins, and limits of accuracy."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from circuits.equivalent.block.parameters import Parameters
     from harvester.scene.prepared import Prepared
 
-# Steps of the trapezoidal rule in a period, and in a contact, for a path within about 1e-4.
+# Steps of the trapezoidal rule per period and per contact, for a path accurate to about 1e-4.
 STEPS_PER_PERIOD, STEPS_PER_CONTACT = 2500, 400
-# A contact is called stiff if it lasts less than this share of a period.
+# Duration of a contact, as a share of a period, below which it is called stiff.
 STIFF = 0.05
 
 
 def longest_step(ready: Prepared) -> float:
-    """The longest step (s) at which the trapezoidal rule holds a path to about 1e-4."""
+    """The longest step (s) at which the trapezoidal rule computes a path to about 1e-4."""
     period = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system)
     contact = timescales.contact_time(ready.system)
     return min(period / STEPS_PER_PERIOD, contact / STEPS_PER_CONTACT)
 
 
 def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[str]:
-    """Lines of the head without comment marks; the last ones describe one parameter each.
+    """Lines of the header without comment marks; the last lines describe one parameter each.
 
-    `start`: whether `start_state` is a parameter and an operating point begins at X = 0.
+    `start`: whether `start_state` is a parameter and the operating point is sought from X = 0.
     """
     system, step = ready.system, longest_step(ready)
     period = 2.0 * math.pi / timescales.fastest_angular_frequency(system)
@@ -44,7 +44,7 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
         "      x       displacement of the mass, 1 V for displacement_unit metres, against ground",
         f"Inside: V(velocity) is the velocity in units of {number(speed)} m/s.",
         "",
-        f"Longest step: {step:.2g} s holds a path that is not chaotic to 1e-5 over 25 periods by",
+        f"Longest step: {step:.2g} s keeps a non-chaotic path within 1e-5 over 25 periods by",
         "the trapezoidal rule at a relative tolerance of 1e-9; the error grows as its square.",
         f"A period lasts {period:.3g} s. Backward Euler and Gear damp the motion: do not use them.",
     ]
@@ -52,13 +52,13 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
     if contact < STIFF * period:
         lines += [
             f"WARNING: stiff contact. At the rms speed it lasts {contact:.2g} s,",
-            f"{contact / period:.2g} of a period: a simulator with its own longest step passes",
-            "over it without a word.",
+            f"{contact / period:.2g} of a period: a simulator with its default longest step",
+            "skips it without a warning.",
         ]
     wells = [number(well) for well in timescales.wells(system)]
     if start and len(wells) > 1:
         lines += [
-            ".op and .ac take the rest position at x = 0, stable or not. To take a well, write",
+            ".op and .ac use the rest position at x = 0, stable or not. To choose a well, write",
             f".nodeset v(xNAME.displacement)=X with one of X = {', '.join(wells)}.",
         ]
     named = [
@@ -70,7 +70,7 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
 
 
 def _parts(ready):
-    """The parts that a device has, in words."""
+    """List of a device's parts, as text."""
     scene, spring = ready.scene, ready.system.spring
     form = "a polynomial" if isinstance(spring, Polynomial) else "a table or a range"
     parts = [f"mass, spring by {form}", "damper"]

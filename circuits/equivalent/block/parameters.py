@@ -1,9 +1,9 @@
-"""The SI parameters of a block, and the numbers of its scaled formulas.
+"""The SI parameters of a block, and the coefficients of its scaled formulas.
 
-Formulas are taken from `harvester.device`, in scaled units. Each of their numbers
-becomes an expression of SI parameters with + − * / alone, which every simulator reads alike. A
-number's factor is its scaled value over the SI values that it is proportional to, so that nothing
-is scaled here a second time; a number without such a rule is written out as a constant.
+Formulas are from `harvester.device`, in scaled units. Each coefficient becomes an expression of SI
+parameters with only + − * /, which all simulators read in the same way. Its factor is the scaled
+value divided by the SI values to which it is proportional, so no scaling is duplicated here. A
+coefficient without such a rule is written as a constant.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from harvester.scene.units import acting_stoppers
 if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
-# A factor within this distance of 1 is left out.
+# A factor within this distance of 1 is omitted.
 ROUNDING = 1e-12
-# Elements of the transducers' networks, with the parameters that their values are proportional to.
+# Elements of the transducers' networks, with the parameters to which their values are proportional.
 ELEMENTS = {
     "piezo": ("capacitance",),
     "charge": ("coupling",),
@@ -45,11 +45,11 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     value : float
-        The scene's.
+        Value in the scene.
     unit : str
     meaning : str
     bounds : str
-        Range in Verilog-A; empty for any.
+        Range in Verilog-A; empty if unlimited.
     """
 
     value: float
@@ -59,14 +59,14 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """The parameters of a block, and the expressions of them by which its formulas are written.
+    """The parameters of a block, and the expressions of them in its formulas.
 
     Parameters
     ----------
     ready : harvester.scene.prepared.Prepared
         A prepared scene in SI.
     start : (float, float, float)
-        X, X' and the transducer's state at the beginning, scaled.
+        Initial X, X' and transducer's state, scaled.
     displacement_unit : float
         Metres per volt at the pin `x`.
 
@@ -74,7 +74,7 @@ class Parameters:
     ----------
     given : dict of str to Parameter
     derived : dict of str to str
-        Expressions of them, in the order in which they need each other.
+        Expressions of the parameters, in order of dependence.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Parameters:
         oscillator, spring = self.ready.scene.oscillator, self.ready.system.spring
         mass: Any = oscillator.mass
         self._give("mass", mass, "kg", "moving mass", "(0:inf)")
-        counts = "how many times the base's acceleration counts"
+        counts = "factor of the base's acceleration"
         self._give("base_factor", oscillator.base_factor, "1", counts)
         self._give("damping", oscillator.damping, "N s/m", "c", "[0:inf)")
         if drag := oscillator.quadratic_damping:
@@ -165,10 +165,10 @@ class Parameters:
         return self.proportional(value, *ELEMENTS.get(name, ("",)))
 
     def named(self, refer: Callable[[str], str]) -> Callable[..., str]:
-        """The function by which a formula writes one of its numbers (`harvester.device.spring`).
+        """The function that writes a formula's coefficient (`harvester.device.spring`).
 
-        A contact's keys begin with its name. `refer` gives the text by which an expression refers
-        to a derived name.
+        A contact's keys begin with its name. `refer` returns the text of a reference to a derived
+        name.
         """
 
         def number_of(key: str, value: float, meaning: str = "", bounds: str = "") -> str:
@@ -212,7 +212,7 @@ class Parameters:
         return self.proportional(value, "/mass") if "/rate^2" in meaning else number(value)
 
     def _of_gap(self, front, key, value):
-        """An expression for a number of a contact's formula that depends on the gap."""
+        """Expression for a coefficient of a contact's formula that depends on the gap."""
         gap = f"{front}gap"
         if key == "gap":
             return self.proportional(value, gap)
@@ -238,7 +238,7 @@ class Parameters:
 
 
 def check_block(ready: Prepared) -> None:
-    """Raise for a scene that no block can represent, with the remedy.
+    """Raise if a block cannot represent the scene.
 
     Raises
     ------
@@ -248,15 +248,15 @@ def check_block(ready: Prepared) -> None:
     if scene.units != "SI":
         raise NetlistError(
             f"{scene.name}: a block is in SI and the scene's units are {scene.units!r}: write the "
-            "device with masses, newtons and metres (paper_si is paper so), or take `--as deck`"
+            "device in kg, N and m (paper_si is paper in SI), or use `--as deck`"
         )
     if scene.excitation.prescribes_displacement:
         raise NetlistError(
             f"{scene.name}: excitation.kind = {scene.excitation.kind!r} prescribes the motion, "
-            "and a block's base moves: choose another excitation, or take `--as deck`"
+            "and a block's base moves: choose another excitation, or use `--as deck`"
         )
     if any(getattr(contact.law, "holds", 0.0) for contact in ready.system.contacts):
         raise NetlistError(
-            f'{scene.name}: stoppers.impact_velocity = "event" needs the simulator\'s own steps: '
-            'take "energy", or `--as deck`'
+            f'{scene.name}: stoppers.impact_velocity = "event" needs prescribed steps: '
+            'use "energy", or `--as deck`'
         )

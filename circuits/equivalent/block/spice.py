@@ -1,4 +1,4 @@
-"""A device as a sub-circuit of SPICE: standard elements and behavioural sources."""
+"""A device as a SPICE sub-circuit of standard elements and behavioural sources."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PINS = ("p", "n", "base", "x")
 def subcircuit(name: str, parameters: Parameters) -> str:
     """The sub-circuit in ngspice's syntax."""
     body = [
-        "* It starts from start_displacement, start_velocity and start_state: use uic.",
+        "* Initial values are start_displacement, start_velocity and start_state: use uic.",
         *_mechanics(parameters),
         *_electrical(parameters),
     ]
@@ -101,9 +101,9 @@ def metered(network: Network) -> bool:
 
 
 def nodes_of(network: Network) -> dict[str, str]:
-    """The block's nodes for the pins of the network."""
+    """The block's nodes for the nodes of the network."""
     terminal = "terminal" if metered(network) else "p"
-    # The network's node "base" is raised by the base's acceleration; its name is a pin's, so it is
+    # The network's node "base" carries the base's voltage; a pin has the same name, so it is
     # renamed.
     return {GROUND: "n", network.terminal: terminal, "base": "lifted"}
 

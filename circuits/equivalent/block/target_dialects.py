@@ -16,7 +16,7 @@ from circuits.equivalent.ltspice import to_ltspice, translate
 from circuits.netlist.reader import statements
 
 DIALECTS = ("ngspice", "ltspice", "pspice", "xyce")
-# Longest line in characters; PSpice reads 132.
+# Longest line in characters; PSpice allows 132.
 WIDTH = 120
 
 
@@ -32,7 +32,7 @@ def in_dialect(text: str, dialect: str) -> str:
     Raises
     ------
     NetlistError
-        An expression that the dialect has no words for.
+        An expression that does not exist in the dialect.
     """
     if dialect == "ngspice":
         cards = text.splitlines()
@@ -44,7 +44,7 @@ def in_dialect(text: str, dialect: str) -> str:
 
 
 def _lines(card):
-    """A card split into lines of at most `WIDTH` characters, the later ones begun with "+"."""
+    """Split a card into lines of at most `WIDTH` characters; continuation lines begin with "+"."""
     if len(card) <= WIDTH:
         return [card]
     # A break within an expression must not cut a name, number or call.

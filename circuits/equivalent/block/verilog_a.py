@@ -1,7 +1,7 @@
 """A device as a Verilog-A module with the pins of the sub-circuit.
 
-Its states count from where they begin, so that every node starts at 0 V: a simulator then needs no
-initial values, and its search for an operating point begins in the device's own well.
+Its states are relative to their initial values, so that every node starts at 0 V. A simulator then
+needs no initial values, and its search for an operating point begins in the device's well.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ endmodule
 
 
 def module(name: str, parameters: Parameters) -> str:
-    """The module's text, its head as a comment."""
+    """The module's text, with the header as a comment."""
     prepared_scene, rate, length = parameters.ready, parameters.rate, parameters.length
     refer = parameters.named(str)
     moved = mechanics(prepared_scene.system, rate, refer, "place", "u", bounded=True)
@@ -88,7 +88,7 @@ def _electrical(parameters: Parameters) -> list[str]:
     """Verilog-A contribution statements of the transducer's network."""
     network: Network = parameters.ready.network
     lines = [_contribution(element, nodes_of(network), parameters) for element in network.elements]
-    # A source of 0 V would merge both nodes and its current would read 0, so 1e-9 Ω measures it.
+    # A 0 V source would merge both nodes and its current would be 0, so 1e-9 Ω measures it.
     return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 
 

@@ -1,4 +1,4 @@
-"""Schematics: the circuit that a scene really builds, read from its netlist and drawn."""
+"""Draws the schematic of a scene's circuit from its netlist."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
 TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
-# Distances in schemdraw's units: between parts of the drawing, from a box to its content, and the
-# length of a wire that leads out of a box.
+# Lengths in schemdraw's units: gap between parts of the drawing, padding of boxes, wires out of
+# boxes.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
-# If the mechanical side would be wider than this, it continues in a further row.
+# Largest width of the mechanical side; it continues in another row.
 WIDEST_ROW = 17.0
 
 
 @dataclass(frozen=True)
 class Schematic:
-    """A drawn circuit; notebooks show it.
+    """A drawn circuit, displayed in notebooks.
 
     Attributes
     ----------
     names : tuple of str
-        Elements in it, as the netlist names them.
+        Names of its elements in the netlist.
     """
 
     names: tuple
@@ -61,16 +61,16 @@ class Schematic:
         return self.image().decode()
 
     def save(self, path: str | Path) -> None:
-        """Write it, whole; the suffix chooses the format.
+        """Write the picture; the suffix determines the format.
 
         Raises
         ------
         OutputError
-            Another suffix than .svg and .png, or a path that cannot be written.
+            The suffix is not .svg or .png, or the path cannot be written.
         """
         suffix = Path(path).suffix.lower()
         if suffix not in FORMATS:
-            raise OutputError(f"{path}: a schematic is an .svg or a .png; name it so")
+            raise OutputError(f"{path}: a schematic must be an .svg or .png file")
         image = self.image(suffix)
         with whole_file(path) as file:
             file.write(image)
@@ -87,12 +87,12 @@ def schematic(scene: SceneOrName) -> Schematic:
     Returns
     -------
     Schematic
-        A notebook shows it; `save(path)` writes it as SVG or PNG.
+        Displayed in notebooks; `save(path)` writes SVG or PNG.
 
     Raises
     ------
     MissingLibrary
-        schemdraw, of the extra `schematic`.
+        schemdraw (extra `schematic`) is not installed.
     """
     schemdraw_library()
     scene = scene_of(scene)
@@ -106,7 +106,7 @@ def schematic(scene: SceneOrName) -> Schematic:
     right, low = _mechanics(pen, circuit, scene.name, electrical)
     call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)
     inner = circuit.find(call.calls)
-    # A load of one element is drawn next to the transducer, a larger one below everything else.
+    # A load of one element is drawn next to the transducer, a larger one below.
     leave = (end, 0.0)
     turn = [(end + 0.4 * LEAD, 0.0)]
     corner = (end + 2.0 * LEAD, 0.0)
@@ -115,14 +115,14 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    # It is next to the electrical side and above the load, if there is room.
+    # The mechanical side is next to the electrical side and above the load if there is room.
     above = len(inner.parts) > 1
     _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)
 
 
 def _mechanics(pen, circuit, name, electrical):
-    """The side of displacement and velocity; returns its right and lower edge."""
+    """Draw the mechanical side; returns its right and lower edge."""
     pen.text((0.0, 1.3), f"{name}: mechanical side", TITLE_SIZE)
     x = top = edge = low = 0.0
     for group in _groups(circuit, electrical):
@@ -152,7 +152,7 @@ def _groups(circuit, electrical):
 
 
 def _electronics(pen, circuit, left, transducer, electrical):
-    """Transducer and ammeter; return the load's call, its connection point, and the rest."""
+    """Draw transducer and ammeter; return the load's call, its position, and other parts."""
     pen.text((left, 1.3), "electrical side", TITLE_SIZE)
     parts = [part for part in circuit.parts if set(part.nodes) & electrical]
     call = next(part for part in parts if part.letter == "x")
@@ -189,7 +189,7 @@ def _load(pen, circuit, call, wire, corner, strays):
             pen.ground((corner[0] - 0.5 * LEAD, y))
         else:
             pen.wire(*wire, (wire[-1][0], y), end)
-    # The upper output's elements are further out, clear of the lower one's wire.
+    # Elements of the upper output are further out, to avoid the lower output's wire.
     x = right + LEAD
     for pin in sorted(far, key=height.get):
         hung = [part for part in strays if outer[pin] in part.nodes]
@@ -201,7 +201,7 @@ def _load(pen, circuit, call, wire, corner, strays):
 
 
 def _definitions(pen, inner, corner):
-    """Draw each sub-circuit that the load uses once, in a separate box."""
+    """Draw each sub-circuit used by the load once, in a separate box."""
     x, y = corner
     for called in _called(inner):
         half = (len(called.pins) + 1) // 2
@@ -211,7 +211,7 @@ def _definitions(pen, inner, corner):
 
 
 def _called(place):
-    """All sub-circuits used here, directly or within others, each once."""
+    """All sub-circuits used here, directly or indirectly, without duplicates."""
     subcircuits = {}
     for part in place.parts:
         if part.letter == "x":

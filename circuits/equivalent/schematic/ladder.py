@@ -1,9 +1,9 @@
 """Layout of a schematic's elements.
 
 Every node of the circuit is drawn as a horizontal line, a rail, and every element as a vertical
-column that connects two rails, as the rungs of a ladder that lies on its side. Elements in series,
-with nothing else at the node between them, share one column. Rails and columns are ordered so that
-the wires are short and rarely cross.
+column that connects two rails, as the rungs of a ladder that lies on its side. Elements in series
+share one column if no other element is connected between them. Rails and columns are ordered so
+that the wires are short and rarely cross.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from circuits.netlist.topology import GROUND
 if TYPE_CHECKING:
     from circuits.netlist.topology import Part
 
-# A crossing of two wires counts as much as this length of wire, in rows or columns.
+# Cost of a crossing of two wires, as a length of wire in rows or columns.
 CROSSING_COST = 3.0
 
 
@@ -28,8 +28,8 @@ class Column:
     Attributes
     ----------
     nodes : tuple of str
-        The first rail, the nodes between the elements in their order, and the second rail: one
-        more than there are parts.
+        The first rail, the nodes between the elements in order, and the second rail: one more node
+        than parts.
     parts : tuple of circuits.netlist.topology.Part
     """
 
@@ -50,8 +50,8 @@ class Ladder:
     ----------
     columns : tuple of Column
     rows : dict of str to int
-        Row of each rail, 0 at the bottom; the rails of a column with n parts are at least n rows
-        apart.
+        Row of each rail, from 0 at the bottom. The rails of a column with n parts are at least n
+        rows apart.
     """
 
     columns: tuple
@@ -61,13 +61,13 @@ class Ladder:
 def lay_out(
     parts: list[Part], left: tuple[str, ...] = (), right: tuple[str, ...] = (), series: bool = True
 ) -> Ladder:
-    """Choose the order of rails and columns that makes the wires short.
+    """Choose an order of rails and columns with short wires.
 
     Parameters
     ----------
     parts : iterable of circuits.netlist.topology.Part
     left, right : sequence of str
-        Nodes that are connected to something outside on that side; each gets a rail.
+        Nodes with external connections on this side; each gets a rail.
     series : bool
         Whether elements in series share a column; otherwise every node gets a rail.
     """
@@ -99,12 +99,12 @@ def lay_out(
 
 
 def _columns(parts, rail_nodes):
-    """Columns of all elements; those in series, with no third element between them, are joined."""
+    """Columns of all elements; elements in series without a branch are joined."""
     ends: dict[str, list] = {}
     for part in parts:
         for node in part.ends:
             ends.setdefault(node, []).append(part)
-    # The gate of a transistor is written next to its rail, so that the node needs a rail.
+    # A transistor's gate is written next to its rail, so the node needs a rail.
     rail_nodes = rail_nodes | {node for part in parts for node in part.beside}
     inner = {n for n, at in ends.items() if n not in rail_nodes and len(at) == 2 and at[0] != at[1]}
     columns: list[Column] = []
@@ -124,14 +124,14 @@ def _columns(parts, rail_nodes):
             chain.append(following)
         placed.update(p.name for p in chain)
         half = len(chain) // 2
-        # A chain that ends on the rail where it began is cut in two at its middle node.
+        # A chain that starts and ends on the same rail is split at its middle node.
         cuts = (0, half, len(chain)) if half and nodes[0] == nodes[-1] else (0, len(chain))
         columns += [Column(tuple(nodes[a : b + 1]), tuple(chain[a:b])) for a, b in pairwise(cuts)]
     return columns
 
 
 def _cost(rails, columns, left, right):
-    """Total length of the wires, to which every crossing adds `CROSSING_COST`."""
+    """Total length of the wires, plus `CROSSING_COST` per crossing."""
     row = {node: position for position, node in enumerate(rails)}
     reach: dict[str, list[int]] = {node: [] for node in rails}
     for position, column in enumerate(columns):
@@ -168,7 +168,7 @@ def _improve(order, cost):
 
 
 def _rows(rails, columns):
-    """Rows of the rails from the bottom up, such that every column has room for its elements."""
+    """Rows of the rails, from the bottom, such that every column has room for its elements."""
     rows = dict.fromkeys(rails[-1:], 0)
     for below, rail in pairwise(reversed(rails)):
         needed = [rows[below] + 1]

@@ -1,4 +1,4 @@
-"""Symbols, wires and words of a schematic, drawn by schemdraw into SVG or PNG."""
+"""Draws symbols, wires and text of a schematic with schemdraw, as SVG or PNG."""
 
 from __future__ import annotations
 
@@ -31,19 +31,18 @@ SYMBOLS = {
 }  # fmt: skip
 # For each kind of transistor: the names of its control and of its fourth node, its kinds of channel
 # or doping (the second is drawn if the model names it), and their symbols. Arrows point away from
-# an npn's base and into an n channel; schemdraw's two-terminal shapes have them the other way
-# round.
+# an npn's base and into an n channel; schemdraw's two-terminal shapes have the opposite direction.
 TRANSISTORS = {
     "q": (("base", "substrate"), "pnp", ("BjtPnp2", "BjtNpn2")),
     "j": (("gate",), "pjf", ("JFetP2", "JFetN2")),
     "m": (("gate", "bulk"), "pmos|pchan", ("NFet2", "PFet2")),
 }
-# Length of a transistor's control lead. Its text is beyond it.
+# Length of a transistor's control lead; the text is beyond it.
 CONTROL_LEAD = 1.4
 
 
 class Pen:
-    """A drawing in progress: its methods note elements to draw, and `image` draws all of them.
+    """A drawing in progress: its methods record elements, and `image` draws all of them.
 
     Positions are (x, y) in schemdraw's units, y upwards.
 
@@ -107,8 +106,8 @@ class Pen:
     ) -> None:
         """Draw an element between two points, with its name and value next to it.
 
-        `place` is the circuit or sub-circuit that the element belongs to. Its first node is at
-        `start`, or with `reverse` at `end`.
+        `place` is the circuit or sub-circuit of the element. Its first node is at `start`, or with
+        `reverse` at `end`.
         """
         self.names.append(part.name)
         symbol = _symbol(part, place)
@@ -130,7 +129,7 @@ class Pen:
     def _add(self, symbol, start, end, colour=INK, dashed=False, flip=False):
         def draw(library):
             across, up = end[0] - start[0], end[1] - start[1]
-            # Sources have a direction, which `to` would not turn.
+            # Sources have a direction, which `to` would not rotate.
             angle, length = math.degrees(math.atan2(up, across)), math.hypot(across, up)
             element = getattr(library, symbol)().at(start).theta(angle).length(length)
             element = element.color(colour).linewidth(THIN if dashed else LINE)
@@ -146,7 +145,7 @@ class Pen:
 
         if suffix == ".svg":
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
-            # A white ground, since the lines are black also on a dark page.
+            # A white background, since the lines are black even on a dark page.
             drawing.config(bgcolor="white")
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
@@ -192,7 +191,7 @@ def schemdraw_library() -> Any:
 
 
 def width(part: Part) -> float:
-    """Width of a column that has room for the element and its text."""
+    """Width of a column for the element and its text."""
     lines = words(part)
     letters = max([len(lines[0]), *(0.8 * len(line) for line in lines[1:])])
     lead = CONTROL_LEAD if part.letter in TRANSISTORS else 0.0
@@ -208,7 +207,7 @@ def words(part: Part) -> list[str]:
         beside = [pair for pair in zip(names, part.beside, strict=False) if pair[1] != part.ends[1]]
         lines = [*(f"{name}: {node}" for name, node in beside), value.split()[0]]
     elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
-        # One line for each node on which a behavioural source depends.
+        # One line per node on which a behavioural source depends.
         lines = [f"{'and' if index else 'of'} {node}" for index, node in enumerate(control)]
     elif part.letter in "egs":
         voltage = f"v({', '.join(control)})"
@@ -221,7 +220,7 @@ def words(part: Part) -> list[str]:
 
 
 def plain(value: str) -> str:
-    """A number with three digits, anything else as it is."""
+    """A number with three digits; other text unchanged."""
     return f"{float(value):.3g}" if re.fullmatch(r"[-+.\de]+", value) else value
 
 
@@ -235,7 +234,7 @@ def _value(part):
 
 
 def _symbol(part, place):
-    """Name of schemdraw's element."""
+    """Name of the element in schemdraw."""
     if part.letter == "b":
         return "SourceControlledV" if re.match(r"(?i)v\s*=", part.value) else "SourceControlledI"
     if part.letter == "x" and is_diode(place.find(part.calls)):
@@ -248,6 +247,6 @@ def _symbol(part, place):
 
 
 def is_diode(inner: Topology) -> bool:
-    """Whether a sub-circuit is one diode from its first pin to its second, and leakage."""
+    """Whether a sub-circuit is a diode from its first to its second pin, possibly with leakage."""
     diodes = [part.nodes for part in inner.parts if part.letter == "d"]
     return diodes == [inner.pins] and all(part.letter in "drc" for part in inner.parts)

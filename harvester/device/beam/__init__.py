@@ -1,1 +1,1 @@
-"""From a drawing to lumped values: beams, the modes of their sections, and magnets at the tip."""
+"""Lumped values of a drawing: beams, their bending modes, and magnets at the tip."""

@@ -15,23 +15,23 @@ from harvester.device.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY
 from harvester.device.beam.modes import Piece, Tip, clamp_compliance, modes, rest
 from harvester.device.keys import SI, OneOf, Table, key, not_negative, positive, table, word
 
-# Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
-# costs 4 % of the frequency (Timoshenko's first correction), a tenth 1 %.
+# Thickness over length above which a beam is rejected, or noted: shear, neglected here, lowers the
+# frequency by 4 % at a fifth (Timoshenko's first correction), by 1 % at a tenth.
 THICKEST, THICK = 0.2, 0.1
-# Width over length that gets a note: a plate is stiffer, by up to 1/(1 − ν²) = 10 %.
+# Width over length above which a note is given: a plate is up to 1/(1 − ν²) = 10 % stiffer.
 WIDE = 0.5
-# Share of the rigidity by the field within a bent layer that gets a note: 1 % of the frequency.
+# Share of the rigidity due to the field's variation in a bent layer above which a note is given:
+# 1 % of the frequency.
 STIFFENED = 0.02
-# Multiple of a material's own strain limit from which a given one gets a note.
+# Multiple of the material's strain limit above which a given limit is noted.
 FAR_BEYOND = 10.0
-# A patch shorter than the first number of its thicknesses is refused, than the second noted: it
-# does not follow the beam at its ends.
+# A patch shorter than the first multiple of its thickness is rejected, than the second noted: its
+# ends do not follow the beam's strain.
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
-# A layer that is sold in one thickness may differ from it by this share: its tolerances.
+# Tolerance (share) of the thickness of a layer that is sold in one thickness only.
 PACKAGE = 0.1
-# Measured values this far from the drawing are slips: a measured frequency may be at
-# least this share of a rigid clamp's, and a measured capacitance at most this multiple of the
-# drawing's, or that share of it.
+# Limits of plausible measured values: the frequency is at least this share of the frequency with a
+# rigid clamp, and the capacitance at most this multiple of the drawing's, or its inverse.
 SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
 # Share of the beam's length by which its tip may sag under its weight.
@@ -41,7 +41,7 @@ LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
 PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")
 STRAIN = (1e-7, 0.3, 1e-6, "ppm")
-# Keys of Basquin's line: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
+# Keys of Basquin's line: the life at the strain amplitude ε is N = cycles (strain/ε)^exponent.
 FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
@@ -80,7 +80,7 @@ class Beam(Table):
         "beginning of the patch: from the clamp", "m", likely=LONG, default=0.0
     )
     piezo_length: float | None = positive(
-        "length of the patch: to the beam's end unless given", "m", likely=LONG
+        "length of the patch: by default to the beam's end", "m", likely=LONG
     )
     electrode_spacing: float | None = positive(
         "spacing of electrode fingers: the field is then along the beam", "m", likely=THIN
@@ -176,9 +176,7 @@ class Beam(Table):
         return modulus, self.piezo_density or named.density, d31, permittivity
 
     def default_values(self) -> dict[str, float]:
-        """Values of keys that are left out: the materials' values, and a patch that covers the
-        beam.
-        """
+        """Values of omitted keys: the materials' values, and a patch that covers the beam."""
         names = "modulus", "density", "piezo_modulus", "piezo_density", "piezo_d31"
         values = dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
         return {**values, "piezo_length": self.patch[1] - self.patch[0]}
@@ -194,18 +192,18 @@ class LumpedBeam(NamedTuple):
         μ = φ(L) γ.
     coupling
         θ = χ/φ(L).
-    material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
+    material_capacitance : Cp of the layers, with the beam free to stretch but not to bend.
     rest_capacitance, rest_charge
         Static contribution of the residual modes, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio
         ζ
     tip_slope
-        φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
+        φ'(L)/φ(L), the tip's rotation per displacement (1/m).
     curvatures
         φ''/φ(L) at the beginning and the end of each piece (1/m²).
     clamp_compliance
-        Rotation of the clamp by a moment (rad/(N m)).
+        Rotation of the clamp per moment (rad/(N m)).
     permittivity_factor
         Factor by which a measured capacitance changes the layer's permittivity.
     """
@@ -226,12 +224,12 @@ class LumpedBeam(NamedTuple):
 
     @property
     def capacitance(self) -> float:
-        """Capacitances of the material and of the residual modes."""
+        """Sum of the capacitances of the material and of the residual modes."""
         return self.material_capacitance + self.rest_capacitance
 
     @property
     def coupling_squared(self) -> float:
-        """k² = θ²/(K Cp), Cp the material's."""
+        """k² = θ²/(K Cp), with the capacitance Cp of the material."""
         return self.coupling**2 / (self.stiffness * self.material_capacitance)
 
     @property
@@ -241,13 +239,13 @@ class LumpedBeam(NamedTuple):
 
     @property
     def open_frequency(self) -> float:
-        """The open-circuit frequency (Hz), √((K + θ²/C)/M)/2π. C includes the modes left out."""
+        """The open-circuit frequency (Hz), √((K + θ²/C)/M)/2π. C includes the residual modes."""
         stiffness = self.stiffness + self.coupling**2 / self.capacitance
         return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
 
     @property
     def one_mode_open_frequency(self) -> float:
-        """Open-circuit frequency (Hz) with Cp alone, as published one-mode models have it."""
+        """Open-circuit frequency (Hz) with Cp alone, as in published one-mode models."""
         return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
 
 
@@ -258,12 +256,11 @@ class Section(NamedTuple):
     ----------
     rigidity, mass : EI (N m²), and mass per length (kg/m).
     moment_per_volt : N m/V, of all layers.
-    stretch_per_volt : strain of the neutral axis (1/V): a layer on one side also stretches the
-        beam, and the parts of two layers cancel.
-    axial_capacitance
-        Charge of this stretch for each volt and metre (F/m).
+    stretch_per_volt : strain of the neutral axis (1/V): a single layer also stretches the beam,
+    while the forces of two layers cancel. axial_capacitance
+        Charge by this stretch per volt and metre (F/m).
     axis
-        Its height above the substrate's middle (m).
+        Height of the neutral axis above the substrate's middle (m).
     """
 
     rigidity: float
@@ -275,7 +272,7 @@ class Section(NamedTuple):
 
 
 def section(beam: Beam, covered: bool) -> Section:
-    """The section of the beam, about its own neutral axis, with its active layers or without."""
+    """The section of the beam about its neutral axis, with or without active layers."""
     modulus, density = beam.substrate
     half, height = beam.thickness / 2.0, beam.piezo_thickness
     stack = [(-half, half, modulus, density)]
@@ -312,7 +309,7 @@ def pieces_of(beam: Beam) -> list[Piece]:
 
 
 def tip_of(beam: Beam) -> Tip:
-    """The body at the tip: by its values, or as a block on the beam's end."""
+    """The body at the tip, from its given values or as a block on the beam's end."""
     mass, inertia = beam.tip_mass, beam.tip_inertia
     if beam.tip_material is not None:
         length, height = beam.tip_length or 0.0, beam.tip_height or 0.0
@@ -342,8 +339,7 @@ def layer_capacitance(beam: Beam) -> float:
 def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     """The first mode at the tip, the others static.
 
-    Raises SceneError if the drawing is none of a slender cantilever, or a measured value cannot be
-    met.
+    Raises SceneError if the beam is not a slender cantilever, or cannot have the measured values.
     """
     _check(beam, origin)
     pieces, tip = pieces_of(beam), tip_of(beam)
@@ -355,7 +351,7 @@ def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     omega, mass = first.angular_frequency, 1.0 / first.tip**2
     if GRAVITY / omega**2 > MOST_SAG * beam.length:
         raise SceneError(
-            f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
+            f"{origin}: beam: at its {omega / (2.0 * math.pi):.3g} Hz the tip sags by "
             f"{GRAVITY / omega**2:.3g} m under its weight, more than {MOST_SAG:g} of the beam's "
             "length: check the units of sizes (m), masses (kg) and moduli (Pa)"
         )
@@ -403,20 +399,20 @@ def frequencies(beam: Beam) -> list[float]:
 
 
 def _calibrated_clamp(beam, pieces, tip, origin):
-    """Compliance of the clamp for which the first short-circuit frequency is the measured one."""
+    """Compliance of the clamp that gives the measured first short-circuit frequency."""
     rigid = modes(pieces, tip)[0].angular_frequency
     measured = 2.0 * math.pi * beam.measured_frequency
     if measured > rigid:
         raise SceneError(
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
-            f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
+            f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, since a clamp only softens: "
             "check thickness, modulus and tip mass"
         )
     if measured < SOFTEST_CLAMP * rigid:
         raise SceneError(
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at least "
             f"{SOFTEST_CLAMP:g} of the {rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp: below, "
-            "the clamp would give way more than the beam: check the unit (Hz) and the drawing"
+            "the clamp would be softer than the beam: check the unit (Hz) and the drawing"
         )
     return clamp_compliance(pieces, tip, measured)
 
@@ -427,7 +423,7 @@ def notes(beam: Beam) -> list[str]:
     thickness = beam.thickness + beam.layers * beam.piezo_thickness
     if thickness > THICK * beam.length:
         remarks.append(
-            f"thickness/length = {thickness / beam.length:.2g} > {THICK}: shear, left out here, "
+            f"thickness/length = {thickness / beam.length:.2g} > {THICK}: shear, neglected here, "
             "lowers the frequency by some per cents"
         )
     if beam.width > WIDE * beam.length:
@@ -439,7 +435,7 @@ def notes(beam: Beam) -> list[str]:
     if end - begin < SHORT_PATCH * beam.piezo_thickness:
         remarks.append(
             f"the patch is {(end - begin) / beam.piezo_thickness:.2g} thicknesses long, < "
-            f"{SHORT_PATCH:g}: at its ends it does not follow the beam, and couples less"
+            f"{SHORT_PATCH:g}: its ends do not follow the beam, so the coupling is weaker"
         )
     modulus, _, d31, permittivity = beam.active
     field = (modulus * d31) ** 2 / (permittivity * VACUUM_PERMITTIVITY)
@@ -447,9 +443,9 @@ def notes(beam: Beam) -> list[str]:
     share /= section(beam, True).rigidity
     if beam.electrode_spacing is None and share > STIFFENED:
         remarks.append(
-            f"the field in a layer is taken as uniform: as it varies with the strain, the covered "
+            f"the field in a layer is assumed uniform; it varies with the strain, so the covered "
             f"beam is {share:.1%} stiffer; its frequency is up to {share / 2.0:.1%} higher, and k² "
-            "lower by about the former: where this matters, identify the lumped values"
+            "{share:.1%} lower: if this matters, identify the lumped values"
         )
     limit, usual = beam.strain_limit or 0.0, ACTIVE[beam.piezo].strain_limit
     if limit > FAR_BEYOND * usual:
@@ -463,13 +459,13 @@ def notes(beam: Beam) -> list[str]:
 
 
 def _check(beam, origin):
-    """Refuse a beam that is not slender, and values given twice or incompletely."""
+    """Raise if the beam is not slender, or values are given twice or incompletely."""
     begin, end = beam.patch
     thickness = beam.thickness + beam.layers * beam.piezo_thickness
     if not begin < end <= beam.length * (1.0 + 1e-9):
         raise SceneError(
-            f"{origin}: beam.piezo_start and piezo_length place the patch from {begin:g} to "
-            f"{end:g} m: it must lie on the beam's {beam.length:g} m"
+            f"{origin}: beam.piezo_start and piezo_length put the patch at {begin:g} to "
+            f"{end:g} m: it must lie within the beam's {beam.length:g} m"
         )
     if thickness > THICKEST * beam.length:
         raise SceneError(
@@ -485,13 +481,13 @@ def _check(beam, origin):
     if sold is not None and abs(beam.piezo_thickness / sold - 1.0) > PACKAGE:
         raise SceneError(
             f"{origin}: beam.piezo_thickness = {beam.piezo_thickness:g}: {beam.piezo} is sold "
-            f"{sold:g} m thick, for which its values hold"
+            f"{sold:g} m thick; its values hold for this thickness"
         )
     keys = [name for name in FATIGUE if getattr(beam, name) is not None]
     if 0 < len(keys) < len(FATIGUE):
         missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in keys)
         raise SceneError(
-            f"{origin}: beam.{keys[0]} is part of a line of three values; give {missing} too"
+            f"{origin}: beam.{keys[0]} is one of three values of a line; also give {missing}"
         )
     if beam.active[3] <= 0.0:
         raise SceneError(

@@ -1,8 +1,8 @@
-"""`[magnets]`: a magnet at the beam's tip and others on the frame, as a table of force.
+"""`[magnets]`: a magnet at the beam's tip and others on the frame, as a force table.
 
-The tip's magnet turns with the tip, by φ'(L)/φ(L) for a displacement. Magnets of known size are
-uniformly magnetized: their end faces carry the charge M per area, and the force is the sum over all
-charges on each other. Without sizes they are dipoles, U = μ0/4π [m1·m2/r³ − 3 (m1·r)(m2·r)/r⁵]
+The tip's magnet rotates with the tip, by φ'(L)/φ(L) per displacement. Magnets of known size are
+uniformly magnetized: their end faces carry the magnetic charge M per area, and the force is the sum
+over all pairs of charges. Without sizes they are dipoles, U = μ0/4π [m1·m2/r³ − 3 (m1·r)(m2·r)/r⁵]
 (S. C. Stanton, C. C. McGehee and B. P. Mann, Physica D 239, 640 (2010)).
 """
 
@@ -25,16 +25,16 @@ LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
 SIZE = Key(low=0.0, low_allowed=False, likely=LENGTH)
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
-# Points of quadrature along a face's radius, refined until the force changes by less than this
-# share of its greatest value: two discs a fifth of their diameter apart need the last.
+# Quadrature points along a face's radius, increased until the relative change of the force is below
+# CHANGE: two discs a fifth of their diameter apart need the largest number.
 ORDERS, CHANGE = (6, 9, 13, 19), 1e-3
-# Number of displacements at which magnets are searched for a collision.
+# Number of displacements at which magnets are checked for a collision.
 PLACES = 65
-# Degree of the interpolation between displacements, at Chebyshev's nodes.
+# Degree of the Chebyshev interpolation between displacements.
 DEGREE = 32
-# Dipoles nearer than this multiple of a magnet's width, the cube root of its volume, are noted.
-# Discs of 10 × 3 mm (6.2 mm) have 8 % more stiffness as dipoles at 50 mm, 23 % at 30 mm, 52 % at
-# 20 mm, and three times as much at 11 mm.
+# A note is given if dipoles are nearer than this multiple of a magnet's width, the cube root of its
+# volume. For discs of 10 × 3 mm (width 6.2 mm) the dipole approximation overestimates the stiffness
+# by 8 % at 50 mm, 23 % at 30 mm and 52 % at 20 mm; at 11 mm it is threefold.
 NEAR = 8.0
 # Remanence (T) of the strongest magnets: the smallest volume of a given moment.
 GREATEST_REMANENCE = 1.5
@@ -44,11 +44,11 @@ GREATEST_REMANENCE = 1.5
 class Magnets(Table):
     """Magnets along the beam: one at its tip, one or two on the frame ahead of it, in SI.
 
-    "repelling": one on the frame in the beam's line, its dipole against the tip's. "attracting":
-    two on the frame, `spacing` apart across the beam's line, their dipoles as the tip's.
-    A size is (diameter, length) of a disc, or
-    (height, width, length) of a block, the length along the beam and the height along the motion.
-    A moment is given, or is `remanence` times the volume over μ0.
+    "repelling": one magnet on the frame on the beam's axis, its dipole opposite to the tip's.
+    "attracting": two on the frame, `spacing` apart across the beam's axis, their dipoles parallel
+    to the tip's. A size is (diameter, length) of a disc, or (height, width, length) of a block, the
+    length along the beam and the height along the motion. A moment is given, or computed as
+    `remanence` times the volume over μ0.
     """
 
     distance: float = positive(
@@ -71,7 +71,7 @@ class Magnets(Table):
         "size of a magnet on the frame: as tip_size", "m", element=SIZE, count=(2, 3)
     )
     offset: float | None = key(
-        "offset: of the tip's magnet beyond the beam's end; of the tip's body unless given", "m",
+        "offset: of the tip's magnet beyond the beam's end; by default that of the tip's body", "m",
         likely=LENGTH,
     )  # fmt: skip
     spacing: float = not_negative(
@@ -112,7 +112,7 @@ class Magnets(Table):
 
 
 def magnet_notes(magnets: Magnets | None) -> tuple[str, ...]:
-    """A note on dipoles that are too near to each other."""
+    """A note if the dipole approximation is inaccurate at this distance."""
     if magnets is None or magnets.sized:
         return ()
     moment = max(magnets.moment("tip"), magnets.moment("frame"))
@@ -121,7 +121,7 @@ def magnet_notes(magnets: Magnets | None) -> tuple[str, ...]:
     if widths > NEAR:
         return ()
     return (
-        f"magnets: dipoles {widths:.2g} of a magnet's widths apart: within {NEAR:g} widths their "
+        f"magnets: the dipoles are {widths:.2g} magnet widths apart: within {NEAR:g} widths their "
         "force may be wrong by tens of per cents and more: give tip_size and frame_size",
     )
 
@@ -129,9 +129,10 @@ def magnet_notes(magnets: Magnets | None) -> tuple[str, ...]:
 def magnetic_force(
     magnets: Magnets, slope: float, displacement: Any, offset: float = 0.0, origin: str = "magnets"
 ) -> np.ndarray:
-    """dU/dx (N), positive where it pulls back: the force across and the torque on the tip.
+    """Restoring force dU/dx (N) of the magnets, from the transverse force and the torque on the
+    tip.
 
-    `slope`: the tip's rotation for a displacement (1/m). `displacement`: of the beam's end, within
+    `slope`: the tip's rotation per displacement (1/m). `displacement`: of the beam's end, within
     `reach` (m). `offset`: distance of the tip's magnet beyond the beam's end (m).
     """
     x = np.asarray(displacement, dtype=float)
@@ -142,10 +143,10 @@ def magnetic_force(
     strength = magnets.moment("tip", origin) * magnets.moment("frame", origin)
     strength *= VACUUM_PERMEABILITY / (4.0 * math.pi)
     sign, places = magnets.frames
-    # A complex step: the imaginary part of the energy is its derivative.
+    # Complex-step derivative: the imaginary part of the energy is its derivative.
     z, energy = x + 1e-30j, np.zeros(x.shape, dtype=complex)
     cos, sin = np.cos(slope * z), np.sin(slope * z)
-    # The tip's magnet comes nearer or farther where it lies off the beam's end.
+    # With an offset from the beam's end, the rotation changes the tip magnet's distance.
     d = magnets.distance + offset * (1.0 - cos)
     for centre in places:
         y = centre - z - offset * sin
@@ -156,14 +157,14 @@ def magnetic_force(
 
 @functools.lru_cache(maxsize=64)
 def _force_of_charges(magnets, slope, offset, origin):
-    """The force of the end faces' charges on each other, interpolated within the reach."""
+    """The force between the end faces' charges, interpolated within the reach."""
     tip, frame = magnets.tip_size, magnets.frame_size
     beside = abs(magnets.frames[1][0]) >= (tip[0] + frame[0]) / 2.0
     apart = beside or magnets.distance > (tip[-1] + frame[-1]) / 2.0
     domain, before = [-magnets.reach, magnets.reach], None
     if apart and _collide(magnets, slope, offset):
         raise SceneError(
-            f"{origin}: magnets.reach = {magnets.reach:g}: within it the tip's magnet strikes one "
+            f"{origin}: magnets.reach = {magnets.reach:g}: within it the tip's magnet hits one "
             "on the frame: lower it"
         )
     for order in ORDERS if apart else ():
@@ -180,7 +181,7 @@ def _force_of_charges(magnets, slope, offset, origin):
 
 
 def _collide(magnets, slope, offset):
-    """Whether a corner of a magnet enters another within the reach, in the plane of the motion."""
+    """Whether a corner of a magnet enters another one within the reach, in the plane of motion."""
     tip, frame = np.array(magnets.tip_size)[[-1, 0]], np.array(magnets.frame_size)[[-1, 0]]
     x, distance = np.linspace(-magnets.reach, magnets.reach, PLACES)[:, None], magnets.distance
     cos, sin = np.cos(slope * x), np.sin(slope * x)
@@ -190,7 +191,7 @@ def _collide(magnets, slope, offset):
         return bool(((2.0 * np.abs(a) < size[0]) & (2.0 * np.abs(b) < size[1])).any())
 
     for centre in magnets.frames[1]:
-        # The tip's corners seen from the frame's magnet, and its corners seen from the tip's.
+        # The tip magnet's corners in the frame magnet's coordinates, and vice versa.
         a, b = offset + along * tip[0], across * tip[1]
         c, d = distance + offset + along * frame[0], centre + across * frame[1] - x
         if inside(a * cos - b * sin - offset - distance, x + a * sin + b * cos - centre, frame):
@@ -204,7 +205,7 @@ def _pulls(x, magnets, slope, offset, origin, order):
     """The force at several displacements."""
     moments = [magnets.moment(side, origin) for side in ("tip", "frame")]
     tip, charge = _charges(magnets.tip_size, moments[0], order)
-    # The beam's plane is one of symmetry: half of the tip's charges, twice.
+    # The plane of motion is a plane of symmetry: half of the tip's charges, counted twice.
     tip, charge = tip[tip[:, 2] > 0.0], 2.0 * charge[tip[:, 2] > 0.0]
     frame, other = _charges(magnets.frame_size, moments[1], order)
     sign, places = magnets.frames
@@ -231,7 +232,7 @@ def _charges(size, moment, order):
 
 @compiled
 def _pull(x, slope, offset, tip, charges, frame, others):
-    """Force (N) on the tip's charges at a displacement x (m), by its change of their energy."""
+    """Force (N) on the tip's charges at a displacement x (m): the derivative of their energy."""
     cos, sin, force = np.cos(slope * x), np.sin(slope * x), 0.0
     for i in range(len(tip)):
         along = tip[i, 0] + offset
@@ -249,20 +250,19 @@ def _pull(x, slope, offset, tip, charges, frame, others):
 
 
 def spring_points(magnets: Magnets, beam: Beam, origin: str = "magnets") -> list[list[float]]:
-    """The table (m, N) of the beam's and the magnets' force together.
+    """The table (m, N) of the total force of beam and magnets.
 
-    Raises SceneError if a magnet is not given, or the tip would turn by more than the theory holds
-    for.
+    Raises SceneError if a magnet is missing, or the tip's rotation exceeds the theory's validity.
     """
     stiffness, slope = lumped(beam).stiffness, lumped(beam).tip_slope
     if magnets.reach * slope > math.pi / 4.0:
         raise SceneError(
-            f"{origin}: magnets.reach = {magnets.reach:g}: the tip would turn by "
+            f"{origin}: magnets.reach = {magnets.reach:g}: the tip would rotate by "
             f"{math.degrees(magnets.reach * slope):.3g}°; the beam's theory is linear and holds to "
             "about 10°: lower magnets.reach"
         )
     if magnets.arrangement == "repelling" and magnets.spacing:
-        raise SceneError(f"{origin}: magnets.spacing belongs to attracting magnets; take it out")
+        raise SceneError(f"{origin}: magnets.spacing belongs to attracting magnets; remove it")
     x = np.linspace(-magnets.reach, magnets.reach, POINTS)
     offset = beam.tip_offset if magnets.offset is None else magnets.offset
     force = stiffness * x + magnetic_force(magnets, slope, x, offset, origin)

@@ -1,6 +1,6 @@
-"""Materials by name, each with the page of its source.
+"""Materials by name, each with its source.
 
-Values of a batch differ from these by several per cents: a scene may give its own.
+The values of a batch may differ by several percent: a scene can give its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _PROCEEDINGS = "Erturk and Inman, Proc. IMechE I 225, 485 (2011), table 2"
 _APC = (
     "APC International, Physical and Piezoelectric Properties of APC Materials (rev. 3, 2017), p. 1"
 )
-# The greatest tension (Pa) that ceramics bear in vibration, 4000 psi for PZT-5A and PZT-5H.
+# Dynamic tensile strength (Pa) of ceramics, 4000 psi for PZT-5A and PZT-5H.
 _DYNAMIC_STRENGTH = 27.6e6
 _STRENGTH = (
     "Berlincourt, Krueger and Near, Properties of Piezoelectricity Ceramics, TP-226 (Morgan "
@@ -46,7 +46,7 @@ class Piezoceramic(NamedTuple):
     density
         kg/m³
     d31
-        m/V; of layers with the field along the beam d33 instead.
+        m/V; for layers with the field along the beam it is d33.
     permittivity
         Relative to vacuum, at constant strain along the beam.
     source
@@ -54,7 +54,7 @@ class Piezoceramic(NamedTuple):
     strain_limit, limit_source
         Greatest permissible strain in vibration, and its source.
     thickness
-        Thickness (m) of a layer sold as a package for which the values hold.
+        Thickness (m) of a packaged layer, for which the values hold.
     """
 
     modulus: float
@@ -68,12 +68,12 @@ class Piezoceramic(NamedTuple):
 
 
 def clamped(free: float, d31: float, modulus: float) -> float:
-    """Relative permittivity at constant strain of that at constant stress, ε_T − d31² c11."""
+    """Relative permittivity at constant strain, ε_T − d31² c11, from that at constant stress."""
     return free - d31**2 * modulus / VACUUM_PERMITTIVITY
 
 
 def _ceramic(modulus, density, d31, free, source):
-    """A ceramic of its data sheet's modulus and free permittivity."""
+    """A ceramic from its data sheet's modulus and free permittivity."""
     permittivity = clamped(free, d31, modulus)
     return Piezoceramic(
         modulus, density, d31, permittivity, source, _DYNAMIC_STRENGTH / modulus, _STRENGTH
@@ -81,7 +81,7 @@ def _ceramic(modulus, density, d31, free, source):
 
 
 def _macro_fibre(strain_per_volt, farad_per_area, thickness, source):
-    """A layer of fibres in epoxy of its sheet's free strain and capacitance, taken as uniform."""
+    """A fibre-epoxy layer, taken as uniform, from its data sheet's free strain and capacitance."""
     modulus, density = 30.336e9, 5440.0
     d31 = -strain_per_volt * thickness
     free = farad_per_area * thickness / VACUUM_PERMITTIVITY

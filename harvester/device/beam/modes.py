@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Points of the Gauss quadrature on each piece; the first modes have less than a few waves in one.
+# Gauss quadrature points per piece; the first modes have at most a few waves per piece.
 GAUSS_POINTS = 24
-# The search for roots multiplies λ ~ √ω by the first number below λ = 1, and adds the second above.
+# Growth of λ ∝ √ω in the search for roots: below λ = 1 by this factor, above by this step.
 FACTOR, STEP = 1.1, 0.1
-# Smallest λ, where the search begins; a tip of 1e6 times the beam's mass has λ = 0.04.
+# Start of the search; a tip of 1e6 times the beam's mass has λ = 0.04.
 SMALLEST_LAMBDA = 1e-3
 
 
@@ -80,7 +80,7 @@ def modes(
     """The lowest modes of the beam.
 
     `pieces`: the beam's pieces from the clamp to the tip. `root_compliance`: rotation of the clamp
-    by a moment (rad/(N m)); 0: rigid.
+    per moment (rad/(N m)); 0: rigid.
     """
     from scipy.optimize import brentq
 
@@ -100,7 +100,7 @@ def modes(
 def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float) -> float:
     """The rotation per moment of the clamp with which the first mode has this frequency.
 
-    Negative where even a rigid clamp is too soft.
+    Negative if the frequency is above that of a rigid clamp.
     """
     square = _square_root_scale(pieces)
     value = math.sqrt(angular_frequency / square)
@@ -135,7 +135,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> ResidualModes:
 def shape(
     pieces: Sequence[Piece], tip: Tip, root_compliance: float = 0.0, points: int = 40
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions along the beam (m) and the first mode's displacement there over the tip's."""
+    """Positions along the beam (m), and the first mode's displacement relative to the tip's."""
     frequency = modes(pieces, tip, 1, root_compliance)[0].angular_frequency
     value = math.sqrt(frequency / _square_root_scale(pieces))
     places, values, begin = [0.0], [0.0], 0.0
@@ -148,7 +148,7 @@ def shape(
 
 
 def _square_root_scale(pieces):
-    """The ω (rad/s) at λ = 1 of a uniform beam with the mean rigidity and mass."""
+    """ω/λ² (rad/s) of a uniform beam with the mean rigidity and mass; λ = wave number × L."""
     length = sum(piece.length for piece in pieces)
     rigidity = length / sum(piece.length / piece.rigidity for piece in pieces)
     mass = sum(piece.mass * piece.length for piece in pieces) / length
@@ -156,7 +156,7 @@ def _square_root_scale(pieces):
 
 
 def _transfer(x, rigidity, wave):
-    """Matrix from the state at a piece's begin to that at x (Krylov's functions)."""
+    """Transfer matrix of the state from a piece's beginning to x (Krylov functions)."""
     angle = wave * x
     cosh, cos, sinh, sin = math.cosh(angle), math.cos(angle), math.sinh(angle), math.sin(angle)
     fourth = wave**4
@@ -173,13 +173,13 @@ def _transfer(x, rigidity, wave):
 
 
 def _waves(value, pieces):
-    """The ω (rad/s) of a λ, and the wave number (1/m) of each piece."""
+    """The ω (rad/s) for a value of λ, and the wave number (1/m) of each piece."""
     frequency = value**2 * _square_root_scale(pieces)
     return frequency, [(piece.mass * frequency**2 / piece.rigidity) ** 0.25 for piece in pieces]
 
 
 def _ends(value, pieces, tip):
-    """Residuals of the tip's two conditions, for each unit component of the state at the root."""
+    """Residuals of the tip's two boundary conditions, per unit component of the clamp's state."""
     frequency, waves = _waves(value, pieces)
     transfer = np.eye(4)
     for piece, wave in zip(pieces, waves, strict=True):
@@ -191,7 +191,7 @@ def _ends(value, pieces, tip):
 
 
 def _mismatch(value, pieces, tip, root_compliance):
-    """The determinant that vanishes at a mode."""
+    """The characteristic determinant, which vanishes at a mode."""
     ends = _ends(value, pieces, tip)
     first = ends[:, 2] + root_compliance * ends[:, 1]
     return first[0] * ends[1, 3] - first[1] * ends[0, 3]
@@ -200,7 +200,7 @@ def _mismatch(value, pieces, tip, root_compliance):
 def _walk(
     value: float, pieces: Sequence[Piece], tip: Tip, root_compliance: float
 ) -> Iterator[tuple[Piece, np.ndarray, float]]:
-    """Each piece with the state at its begin and its wave number."""
+    """Yield each piece with the state at its beginning and its wave number."""
     ends = _ends(value, pieces, tip)
     first = ends[:, 2] + root_compliance * ends[:, 1]
     row = int(np.argmax(np.abs(ends[:, 3])))

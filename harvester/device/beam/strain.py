@@ -1,9 +1,8 @@
-"""Strain and stress of the layers and the substrate, of the displacement and the voltage.
+"""Strain and stress of layers and substrate as functions of displacement, voltage and acceleration.
 
-The first mode's curvature follows the displacement. The modes left out are taken as static: under
-a voltage the beam bends as a short piece, EI w'' = −ϑ V, and under an acceleration of the base by
-its bending moment; the first mode's part of both is subtracted. A layer on one side also stretches
-the beam.
+The first mode's curvature is proportional to the displacement. The residual modes are static: a
+voltage gives the curvature EI w'' = −ϑ V, and the base's acceleration the curvature of its bending
+moment; the first mode's share of both is subtracted. A layer on one side also stretches the beam.
 """
 
 from __future__ import annotations
@@ -21,13 +20,11 @@ class FibreStrain(NamedTuple):
     ----------
     position
         Distance from the clamp (m).
-    per_displacement : strain for each metre of the tip (1/m).
-    per_volt : strain of the modes left out for each volt (1/V).
-    per_acceleration
-        Strain per m/s² of the base's acceleration (s²/m).
-    modulus : stress for each strain, electrodes short-circuited (Pa).
-    stress_per_volt
-        Stress per voltage by a layer's field (Pa/V).
+    per_displacement : strain per displacement of the tip (1/m).
+    per_volt : strain of the residual modes per volt (1/V). per_acceleration
+        Strain of the residual modes per acceleration of the base (s²/m).
+    modulus : stress per strain, electrodes short-circuited (Pa). stress_per_volt
+        Stress by a layer's field per volt (Pa/V).
     """
 
     position: float
@@ -39,25 +36,25 @@ class FibreStrain(NamedTuple):
 
 
 def strain_of_layers(beam: Beam) -> FibreStrain:
-    """Strain of the active layers' outer fibre, where the first mode strains it most."""
+    """Strain of the active layers' outer fibre, where the first mode's strain is largest."""
     height = beam.thickness / 2.0 + beam.piezo_thickness
     modulus, _, d31, _ = beam.active
-    # |e31| times the field of a layer for each volt at the terminals.
+    # |e31| times the field in a layer per volt at the terminals.
     share = 0.5 if beam.layers == 2 and beam.connection == "series" else 1.0
     stress = abs(d31) * modulus * share / (beam.electrode_spacing or beam.piezo_thickness)
     return _most_strained(beam, (height,), modulus, stress, (True,))
 
 
 def strain_of_substrate(beam: Beam) -> FibreStrain:
-    """Strain of the substrate's surface, where the first mode strains it most."""
+    """Strain of the substrate's surface, where the first mode's strain is largest."""
     half = beam.thickness / 2.0
     return _most_strained(beam, (half, -half), beam.substrate[0], 0.0, (True, False))
 
 
 def _most_strained(beam, heights, modulus, stress_per_volt, covers):
-    """The fibre of most strain, at `heights` above the substrate's middle.
+    """The fibre with the largest strain, at `heights` above the substrate's middle.
 
-    The first mode's moment falls steadily along a piece, so that only the ends of pieces count.
+    The first mode's moment is monotone along a piece, so only the ends of pieces are examined.
     """
     values, pieces = lumped(beam), pieces_of(beam)
     moments, fibres = rest(pieces, tip_of(beam)).moments, []

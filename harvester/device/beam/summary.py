@@ -34,20 +34,20 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("base factor μ", "φ(L) γ (B5)", values.base_factor, "1"),
         ("coupling θ", "χ/φ(L) (B6)", values.coupling, "N/V"),
         ("capacitance of the layers Cp", "(B7)", values.material_capacitance, "F"),
-        ("capacitance of the modes left out", "Σ χr²/ωr² (B8)", values.rest_capacitance, "F"),
-        ("charge of the modes left out", "Σ χr γr/ωr² (B8)", values.rest_charge, "C s²/m"),
+        ("capacitance of the residual modes", "Σ χr²/ωr² (B8)", values.rest_capacitance, "F"),
+        ("charge of the residual modes", "Σ χr γr/ωr² (B8)", values.rest_charge, "C s²/m"),
         ("coupling squared k²", "θ²/(K Cp)", values.coupling_squared, "1"),
         ("short-circuit frequency", "(B3)", values.short_frequency, "Hz"),
-        ("open-circuit frequency", "with the modes left out", values.open_frequency, "Hz"),
+        ("open-circuit frequency", "with the residual modes", values.open_frequency, "Hz"),
         ("open-circuit frequency", "of one mode alone", values.one_mode_open_frequency, "Hz"),
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
         ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
-        ("from the clamp to this strain", "(B9)", strain.position, "m"),
-        ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
-        ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
+        ("distance of this strain from the clamp", "(B9)", strain.position, "m"),
+        ("strain of the residual modes per volt", "(B9)", strain.per_volt, "1/V"),
+        ("strain of the residual modes per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
         ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
-        ("from the clamp to the substrate's strain", "(B9)", substrate.position, "m"),
+        ("distance of the substrate's strain from the clamp", "(B9)", substrate.position, "m"),
     ]
     if beam.measured_frequency is not None:
         compliance = values.clamp_compliance
@@ -59,8 +59,7 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
 
 
 def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
-    """Lines on the theory's limits here, sources of material data, and the magnets as a
-    polynomial."""
+    """Remarks: limits of the theory, sources of material data, the magnets as a polynomial."""
     lines = notes(beam)
     if beam.tip_material and beam.tip_offset == 0.0:
         flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
@@ -85,7 +84,7 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
 
 
 def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
-    """Side view, first mode, and the spring where there are magnets."""
+    """Side view, first mode, and with magnets the spring."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 5.0 if magnets is None else 7.0), layout="constrained")
@@ -107,7 +106,7 @@ def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
 
 
 def _draw_side(axes: Any, beam: Beam) -> None:
-    """The beam from its side, thicknesses not to scale of the length."""
+    """Side view of the beam; thicknesses are not to scale."""
     from matplotlib.patches import Rectangle
 
     half, height = 500.0 * beam.thickness, 1e3 * beam.piezo_thickness

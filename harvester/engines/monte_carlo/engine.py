@@ -1,14 +1,14 @@
-"""Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
+"""Monte Carlo reference: direct integration along a given noise path, without ngspice.
 
 For a resistor as load, by Runge–Kutta of fourth order; `circuits.kernel` takes netlists.
 
-Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
-the scheme keeps its order where the force is smooth; in contact the step resolves the contact
-time. One order remains at the first step of a contact, where the force starts as d^1.5.
-Realizations go in step with each other (`harvester.engines.monte_carlo.lockstep`).
+Steps land on the noise's knots and on the moments at which a contact begins or ends, so that the
+scheme keeps its order where the force is smooth; in contact the step resolves the contact time. The
+first step of a contact is of first order, since the force starts as d^1.5. Realizations are
+integrated in lockstep (`harvester.engines.monte_carlo.lockstep`).
 
-A damper or a load that decays within a step takes a scheme of third order with that decay exact.
-Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
+If a damper or load decays within a step, a third-order scheme integrates that decay exactly. Heun's
+second-order scheme takes the same steps, for work-precision diagrams.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from harvester.scene.steps import (
 from harvester.statistics.moments import Moments
 from harvester.statistics.several import TOGETHER, SeveralMoments
 
-# Number of realizations that are stepped together. More are hardly faster.
+# Number of realizations that are stepped together. Larger numbers are hardly faster.
 MOST_TOGETHER = 64
-# Segments between knots that are computed at a time, over all realizations. Their noise
-# and, if points are kept, these then stay in the processor's cache.
+# Segments between knots that are computed at a time, over all realizations. The noise and any kept
+# points then fit into the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 
 
@@ -98,7 +98,7 @@ def run_realizations(
 
 
 def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
-    """The chunk of one realization, of those that `integrate` yields; empty where none is kept."""
+    """The points of realization k in a chunk from `integrate`; empty if points are not kept."""
     return Record(*columns[k, :, : points[k]])
 
 
@@ -136,7 +136,7 @@ def integrate(
     ------
     ndarray, shape (len(paths), 9, ·)
         A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
-        point; overwritten by the next; without room for a point if none is wanted.
+        point; the next chunk overwrites it; empty if points are not kept.
     ndarray of int64, shape (len(paths),)
         Number of points of each.
 
@@ -149,7 +149,7 @@ def integrate(
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
-    # A base that is shaken from the first moment on has moved its charge by then.
+    # If the base already moves at t = 0, it has already displaced charge.
     begun = [
         (x, v, state - s.transducer.kept_state(0.0, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
@@ -191,7 +191,7 @@ def _unwanted(stop, spacing):
 
 
 def _points(segments):
-    """Points kept of each realization: half as many again, in an odd number of cache lines."""
+    """Memory for points per realization: 1.5 per segment, in an odd number of cache lines."""
     return (segments * 3 // 32 * 2 + 1) * 8
 
 

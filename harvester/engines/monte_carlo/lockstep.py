@@ -1,9 +1,9 @@
-"""Realizations in step with each other: the compiled integrator of a resistor as load.
+"""Realizations in lockstep: the compiled integrator for a resistor as load.
 
-All take the same steps between the knots of their noise. In free flight they do so in one loop
-without branches, which LLVM turns into instructions for eight of them at a time. Those in contact,
-and those that free flight would bring into one, are gathered and stepped apart in a loop of the
-same kind, each with individual steps, until they are at the step's end again.
+All take the same steps between the knots of their noise. In free flight one loop without branches
+steps them, which LLVM vectorizes for eight at a time. Realizations in contact, and those about to
+touch, are gathered and stepped in a separate loop with individual steps until they reach the end of
+the common step.
 
     realization   |------- step -------|------- step -------|
          0        o--------------------o--------------------o    free flight: `_fly`
@@ -118,7 +118,7 @@ def advance(
     tally: Tally,
     place: np.ndarray,
 ) -> None:
-    """Integrate until the noise is at its end or a realization has no room for points.
+    """Integrate until the noise ends or the memory for a realization's points is full.
 
     Parameters
     ----------
@@ -190,9 +190,10 @@ def _excitation(knots, block, k, phase):
 
 @merged
 def _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, states):
-    """Step all realizations as if all flew freely between `left` and `right`.
+    """Step all realizations as if all were in free flight between `left` and `right`.
 
-    Here and in `_try` the loop's body has no branch, so that LLVM takes eight realizations at once.
+    Here and in `_try` the loop's body has no branch, so that LLVM vectorizes it for eight
+    realizations.
     """
     length = end - start
     for block in range(states.shape[0]):
@@ -215,7 +216,7 @@ def _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, states):
 
 @merged
 def _try(scheme, s, count, lanes, apart):
-    """Step those set apart as if none left its zone.
+    """Step the gathered realizations as if none left its zone.
 
     Blocks are stepped whole: results in slots without a realization are not used.
     """
@@ -267,8 +268,8 @@ def _gather(s, start, end, steps_per_contact, room):
 def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, room, tally):
     """Accept the steps tried in `_try`, but shorten those that leave their zone, to be tried again.
 
-    Returns how many realizations are not at the end of the grid's step yet, and the largest number
-    of points that any of them has.
+    Returns the number of realizations before the end of the grid's step, and the largest number of
+    points of any of them.
     """
     remaining, fullest = 0, 0
     for slot in range(count):
@@ -309,7 +310,7 @@ def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, r
 
 @merged
 def _land(cells, i, x1, v1):
-    """Shorten a step that leaves its zone, tried up to (x1, v1), to where it does."""
+    """Shorten a step that leaves its zone, tried up to (x1, v1), to end at the zone's edge."""
     x, v, low, high = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[LOW + i], cells[HIGH + i]
     upwards = x1 > high or (x1 >= low and v > 0.0)
     edge, direction = (high, 1) if upwards else (low, -1)
@@ -319,7 +320,7 @@ def _land(cells, i, x1, v1):
 
 @merged
 def _take(s, edges, end, cells, i):
-    """Take a step apart: its state and time, and the zone into which it leads."""
+    """Accept a gathered realization's step: set its state, time and new zone."""
     longest = end - cells[PHASE + i]
     length = cells[LENGTH + i]
     cells[PHASE + i] = end if length >= longest else cells[PHASE + i] + length
@@ -339,7 +340,7 @@ def _take(s, edges, end, cells, i):
 
 @merged
 def _resolve(s, end, steps_per_contact, cells, i):
-    """Choose the step apart: to the end, or in contact one that resolves it."""
+    """Choose a gathered realization's step: to the end, or short enough for a contact."""
     longest = end - cells[PHASE + i]
     cells[LENGTH + i] = longest
     if not cells[LOW + i] < 0.0 < cells[HIGH + i]:
@@ -369,7 +370,7 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """Add a point to a realization's sums.
 
     Its motion and its excitation begin at these rows of `cells`, in the slot `i`; `rows` and `k`
-    are where the sums are.
+    locate the sums.
     """
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
@@ -384,8 +385,8 @@ def _correct(s, cells, i, length, measured, rows, k):
 
     The trapezoids of equal steps h miss h²/12 times the change of the integrand's slope (Euler and
     Maclaurin). In steady motion this sums to 0, except where the length changes: at contacts. The
-    slope is a central difference, exact for powers, which are quadratic in the state. What the
-    contact itself dissipates begins and ends with slope 0.
+    slope is a central difference, exact for powers, which are quadratic in the state. The contact's
+    own dissipation begins and ends with slope 0.
     """
     before = cells[PREVIOUS + i]
     cells[PREVIOUS + i] = length
@@ -410,7 +411,7 @@ def _correct(s, cells, i, length, measured, rows, k):
 
 @merged
 def _keep(room, rows, realization):
-    """Count a realization's latest point, keep it where that is wanted; returns their number."""
+    """Count a realization's latest point, and keep it if points are kept; returns their number."""
     k, point = realization % TOGETHER, room.points[realization]
     if room.columns.shape[2] > 0:
         for row in range(room.columns.shape[1]):
@@ -421,7 +422,7 @@ def _keep(room, rows, realization):
 
 @merged
 def _arrive(s, time, batch, lanes, room, tally):
-    """Let all realizations be at the step's end; returns the points of the one with most."""
+    """Move all realizations to the step's end; returns the largest number of points of one."""
     measured, fullest, count = batch >= 0, 0, room.points.size
     for block in range(room.states.shape[0]):
         cells, rows = room.states[block], tally.rows[block]

@@ -14,7 +14,7 @@ from harvester.device.schemes import one_step, scheme_of
 from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 
-# Steps per contact, four times as many as in Monte Carlo: an error of the contact's beginning would
+# Steps per contact, four times as many as in Monte Carlo: an error in the time of contact would
 # bias the identified values of a stopper.
 STEPS_PER_CONTACT = 120
 # A trial device whose scaled displacement, velocity or voltage exceeds this has diverged.
@@ -48,7 +48,7 @@ def states_at_samples(
     Returns
     -------
     ndarray, shape (samples, 3)
-        From the first window's first sample on; NaN from where a solution has run away.
+        From the first window's first sample on; NaN after a solution has diverged.
     ndarray, shape (windows, 3)
         State at the first sample after each window; at the record's end at its last sample.
     """

@@ -89,7 +89,7 @@ def test_parameters_of_a_behavioural_source_stand_in_braces():
 
 @pytest.mark.parametrize("fault", ["hertz2(x)", "a b", "sin(", "a ? b", "a % b", "a;b"])
 def test_what_cannot_be_said_is_refused(fault):
-    with pytest.raises(NetlistError, match="not written for LTspice"):
+    with pytest.raises(NetlistError, match="cannot be written for LTspice"):
         translate(fault)
 
 
@@ -166,7 +166,7 @@ def test_the_header_says_what_differs_and_the_noise_lies_beside(tmp_path, capsys
     assert main(["netlist", "paper", *options, "--dialect", "ltspice"]) == 0
     text = target.read_text(encoding="ascii")
     assert text.startswith("* harvester scene paper, for LTspice")
-    assert "Other than in ngspice" in text
+    assert "Differences from ngspice" in text
     assert 'Inoise 0 velocity PWL file="scene-noise.txt"' in text
     scene = Scene.read("paper")
     written = np.loadtxt(target.parent / "scene-noise.txt")

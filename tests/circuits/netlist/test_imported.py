@@ -157,7 +157,7 @@ def test_the_command_writes_it_or_asks(tmp_path, capsys):
     # A refusal names the netlist's line, as the load is not written.
     (tmp_path / "r.net").write_text(RECTIFIER.replace("10u Rser", "10u odd=1 Rser"))
     assert main([*call, "--nodes", "N001,N002,out,0"]) == 2
-    assert "r.net:11: C uses no 'odd=1'" in capsys.readouterr().err
+    assert "r.net:11: C has no parameter 'odd=1'" in capsys.readouterr().err
 
 
 def test_ltspices_own_words_are_taken_and_a_refused_load_is_not_written(tmp_path, capsys):

@@ -59,15 +59,15 @@ def test_it_is_a_comment_between_a_statement_and_its_continuation(tmp_path):
     [
         ("lost line = 1", r"unknown kind lost.*loss.*output"),
         ("loss line 1", r"write it as"),
-        ("loss 3x = 1", r"no name"),
-        ("output mean = 1", r"mean would name a quantity of the program's own"),
-        ("loss mean_converter = 7", r"mean_converter would name"),
-        ("output far_storage = 1", r"there twice"),
+        ("loss 3x = 1", r"not a name"),
+        ("output mean = 1", r"mean is the name of a built-in quantity"),
+        ("loss mean_converter = 7", r"mean_converter is the name"),
+        ("output far_storage = 1", r"defined twice"),
         ("loss x = v(fra)", r"no node fra .did you mean far\?.; there are .*\bp\b"),
         ("loss x = i(rfar)", r"no current i\(rfar\)"),
         ("loss x = lin*2", r"unknown name lin"),
         ("loss x = (1", r"parenthesis missing"),
-        ("loss x = 1 taking 2", r"of a state only"),
+        ("loss x = 1 taking 2", r"only a state can have"),
         ("loss x = ddt(v(far))", r"ddt"),
         ("loss line = 1", r"twice"),
         ("loss x =", r"missing operand"),
@@ -80,7 +80,7 @@ def test_a_wrong_one_is_refused_with_its_line(tmp_path, line, fault):
 
 def test_it_belongs_to_a_load_with_an_output(tmp_path):
     text = OWN.replace("p n out ref line", "p n line").replace("Cacross out ref 1p", "")
-    with pytest.raises(NetlistError, match=r"own\.lib:6: measures are of a load with the pins out"):
+    with pytest.raises(NetlistError, match=r"own\.lib:6: measures need a load with the pins out"):
         read_load(written(tmp_path, text))
 
 

@@ -147,10 +147,10 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
     ("body", "before", "fault"),
     [
         ("Xa out ref s r={q}", ".param q=4k\n.subckt s a b q=8k r=1k\nRi a b {r}\n.ends",
-         "s has a parameter q too, whose value ngspice takes here: rename"),
-        ("B1 ref out i=pi*v(p)", ".param pi=3", "pi means ngspice's constant here: rename"),
-        ("B1 ref out i=1A*v(p)", "", "leave the A out"),
-        ("R9 p n 2A", "", "leave the A out"),
+         "s also has a parameter q, whose value ngspice would use here: rename"),
+        ("B1 ref out i=pi*v(p)", ".param pi=3", "pi is a constant of ngspice: rename"),
+        ("B1 ref out i=1A*v(p)", "", "omit the A"),
+        ("R9 p n 2A", "", "omit the A"),
         ("V1 out ref pulse(0 1 0 1m 1m 5m)", "", "write pulse(low high delay"),
         ("V1 out ref pulse(0 1 0 1m 1m 5m 10m 3)", "", "write pulse(low high delay"),
         ("V1 out ref pulse(0 1 0 -1m 1m 5m 10m)", "", "write pulse(low high delay"),
@@ -159,13 +159,13 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("V1 out ref exp(0 1 0 1m)", "", "write exp(low high delay1"),
         ("V1 out ref exp(0 1 2 1m 1 1m)", "", "write exp(low high delay1"),
         ("V1 out ref pwl(0 1 2)", "", "write pwl(time value"),
-        ("V1 out ref pwl(0 0 1m 1) r=0", "", "write its points out"),
+        ("V1 out ref pwl(0 0 1m 1) r=0", "", "write all its points"),
         ("V1 out ref am(1 2 3 4)", "", "write a B source"),
         ("V1 out ref sin(0 1 5) pulse(0 1 0 1m 1m 5m 10m)", "", "two waveforms"),
         ("V1 out ref 5 3", "", "two constant values"),
         ("S1 p n out ref sm", ".model sm sw(level=2)", "write a B source"),
-        ("S1 p n out ref sm", ".model sm sw(vt=1)\n.model sm sw(vt=2)", "is there twice"),
-        ("D1 p n dm", ".model dm d(vz=5)", "knows no vz of a model d"),
+        ("S1 p n out ref sm", ".model sm sw(vt=1)\n.model sm sw(vt=2)", "is defined twice"),
+        ("D1 p n dm", ".model dm d(vz=5)", "a model d has no vz"),
         ("B1 p n i=1u*idt(v(p))", "", "a current source into a capacitor"),
         ("B1 p n i=(v(p)>1) & (v(p)<2)", "", "write &&"),
         ("R9 p n {f(1k)}", ".func f(a,b) {a+b}", "f takes 2 arguments, not 1"),
@@ -175,8 +175,8 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("* needs: x>1 and x<3\nR9 p n 1k", ".param x=2", "write && for and"),
         ("R9 p n {1k+(2}", "", "closing parenthesis missing"),
         ("X1 p n s", ".subckt s a b\n* measure: loss x = v(a)\nR1 a b 1k\n.ends",
-         "measure: put it into the load's own sub-circuit"),
-        ("E1 out ref p n 2 m=3", "", "sources of voltage side by side are one"),
+         "measure: put it into the load's sub-circuit"),
+        ("E1 out ref p n 2 m=3", "", "parallel voltage sources are equal to one"),
     ],
 )  # fmt: skip
 def test_what_has_two_readings_is_refused_with_what_to_write(tmp_path, body, before, fault):
@@ -189,7 +189,7 @@ def test_what_has_two_readings_is_refused_with_what_to_write(tmp_path, body, bef
 @pytest.mark.parametrize("value", ["1M", "4M7", "1F", "10MF"])
 def test_a_value_from_a_scene_is_no_spice_text(tmp_path, value):
     _, path = load(tmp_path, "Rl out ref {r}", ".param r=1k")
-    with pytest.raises(NetlistError, match=r"in SPICE and a (million|farad) to most people: write"):
+    with pytest.raises(NetlistError, match=r"in SPICE and a (million|farad) in SI: write"):
         read_load(path, parameters={"r": value})
 
 

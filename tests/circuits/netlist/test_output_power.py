@@ -94,7 +94,7 @@ def test_the_stored_energy_is_that_of_all_storage(tmp_path, pool, body, before):
 def test_what_varies_across_the_output_is_refused(tmp_path, body, before):
     path = tmp_path / "load.lib"
     path.write_text(DIRECT.format(before=before, body=body))
-    with pytest.raises(NetlistError, match=r"load\.lib:\d+: [\w.]+ lies across out and ref"):
+    with pytest.raises(NetlistError, match=r"load\.lib:\d+: [\w.]+ is across out and ref"):
         read_load(path, "load")
 
 

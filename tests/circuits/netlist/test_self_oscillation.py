@@ -113,5 +113,5 @@ def test_a_comparison_that_rounding_decides_is_refused(tmp_path, body, refused):
     load = load_of(tmp_path, body)
     assert load.cancelled == ("b1 (load.lib:5)" if refused else "")
     if refused:
-        with pytest.raises(LoadError, match="equal but for rounding"):
+        with pytest.raises(LoadError, match="equal up to rounding"):
             check_turn(load, 1e-4)

@@ -162,23 +162,23 @@ def test_a_plus_alone_continues_with_nothing(tmp_path):
         ),
         (
             ".subckt load p n\nL1 p n 1\nL2 n 0 1\nK1 L1 L2 1.1\n.ends\n",
-            "load.lib:4: k1: a coupling of 1.1",
+            "load.lib:4: k1: coupling 1.1",
         ),
-        ("+ 1k\n", "continues none"),
-        (".subckt load p n\nR1 p n 1k\n", "without its .ends"),
-        (".ends\n", "without its .subckt"),
+        ("+ 1k\n", "continues no statement"),
+        (".subckt load p n\nR1 p n 1k\n", "without .ends"),
+        (".ends\n", "without a .subckt"),
         (".subckt load a b\nR1 a b 1k\n.ends\n", "expected p n, or p n out ref"),
         (".subckt load p n out\nR1 p n 1k\n.ends\n", "expected p n, or p n out ref"),
         (".subckt load p n out ref x\nR1 p n 1k\n.ends\n", "expected p n, or p n out ref"),
         (".subckt load p n out ref\nD1 p out d\n.model d d\n.ends\n", "no resistor or capacitor"),
         (".subckt load p n out ref\nR1 out ref {1+v(p)}\n.ends\n", "constant value"),
         (".subckt a p n\nR1 p n 1\n.ends\n.subckt b p n\nR1 p n 1\n.ends\n", "choose one by"),
-        (".subckt a p n\nX1 p n b\n.ends\n.subckt b p n\nX1 p n a\n.ends\n", "holds itself"),
+        (".subckt a p n\nX1 p n b\n.ends\n.subckt b p n\nX1 p n a\n.ends\n", "contains itself"),
         (".subckt a p n\nR1 p n 1\n.ends\n.subckt a p n\nR1 p n 1\n.ends\n", "twice"),
     ],
 )
 def test_files_that_hold_no_load(tmp_path, text, message):
-    arguments = {"subcircuit": "a"} if "holds" in message else {}
+    arguments = {"subcircuit": "a"} if "itself" in message else {}
     with pytest.raises(NetlistError, match=re.escape(message)):
         read(tmp_path, text, **arguments)
 

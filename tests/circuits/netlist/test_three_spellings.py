@@ -39,7 +39,7 @@ POINTS = {
         (FED + "Rl out ref 10kOhm", "", PLAIN),
         (FED + "Rl out ref {0.01MegOhm}", "", PLAIN),
         (FED + "Rl out ref 4k7", "", (5 * 4.7 / 14.7) ** 2),
-        (FED + "Rl out ref {1e4A}", "", "leave the A out"),
+        (FED + "Rl out ref {1e4A}", "", "omit the A"),
         (FED + ".param r=400mil\nRl out ref {r}", "", "25.4u"),
     ],
     "scope": [
@@ -68,10 +68,10 @@ POINTS = {
     ],
     "names that stand twice": [
         (FED + "D1 out ref dm\nRl out ref 9k", ".model dm d(is=1n)\n.model dm d(is=9n)",
-         "is there twice"),
-        (FED + "Rl out ref {f(1)}", ".func f(x) {9k*x}\n.func f(x) {8k*x}", "is there twice"),
+         "is defined twice"),
+        (FED + "Rl out ref {f(1)}", ".func f(x) {9k*x}\n.func f(x) {8k*x}", "is defined twice"),
         (FED + "Xa out ref s", ".subckt s a b\nRi a b 9k\n.ends\n.subckt s a b\nRi a b 8k\n.ends",
-         "is there twice"),
+         "is defined twice"),
     ],
     "switches of others": [
         (FLIP + "Vc c ref 2\nS1 sw ref c ref sm", ".model sm sw(vt=1 vh=-1 ron=10k roff=10meg)",
@@ -127,7 +127,7 @@ POINTS = {
         ("Cl out ref cm", ".model cm c(c=1u)", "write cap="),
         ("Cl out ref cm", ".model cm c(cj=1m defl=9u)", "it has no value"),
         (FED + "D1 out ref dm", ".model dm d(is=1n vrev=5)", "give is, n and rs"),
-        (FED + "D1 out ref dm", ".model dm d(is=1n t_abs=50)", "leave it out"),
+        (FED + "D1 out ref dm", ".model dm d(is=1n t_abs=50)", "remove it"),
     ],
     "what is not whole": [
         (FED + "Rl out ref {10k*(1+1}", "", "closing parenthesis missing"),

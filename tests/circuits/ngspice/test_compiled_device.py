@@ -266,7 +266,7 @@ def test_other_parts_take_another_module(parts):
     ("name", "overrides", "said"),
     [
         ("paper", ["stoppers.impact_velocity=event"], 'impact_velocity = "event"'),
-        ("electromagnetic", [], "a piezo only"),
+        ("electromagnetic", [], "only a piezo"),
     ],
 )
 def test_what_has_no_compiled_form_is_refused_by_name(name, overrides, said):

@@ -16,8 +16,8 @@ from harvester.scene.prepared import prepared
     [
         (["piezo.coupling=100"], "coupling=100"),
         (["load.decay_rate=1e-4"], "jumps between the wells are as slow"),
-        (["excitation.correlation_time=100"], "mean square voltage comes out negative"),
-        (["excitation.correlation_time=50", "excitation.intensity=0.05"], "comes out negative"),
+        (["excitation.correlation_time=100"], "mean square voltage is negative"),
+        (["excitation.correlation_time=50", "excitation.intensity=0.05"], "is negative"),
     ],
 )
 def test_refused_with_a_fifth_of_the_work_at_most(overrides, words, monkeypatch):

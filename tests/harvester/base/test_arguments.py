@@ -39,7 +39,7 @@ def test_swept_values_come_in_any_form(values):
         ({"time_limit": float("nan")}, "time_limit nan"),
         ({"time_budget": "soon"}, "time_budget 'soon'"),
         ({"executor": 4}, "executor = 4: give a concurrent.futures.Executor"),
-        ({"progress": "bar"}, "progress = 'bar': must be a function of two arguments, or left out"),
+        ({"progress": "bar"}, "progress = 'bar': must be a function of two arguments, or omitted"),
         ({"precision": 1}, r"precision 1: must be a number in \(0, 1\), 0\.01 for 1 %"),
         ({"precision": "1%"}, r"precision '1%': must be .* 0\.01 for 1 %"),
     ],
@@ -93,7 +93,10 @@ def test_closed_processes_are_named():
     executor, pool = ThreadPoolExecutor(1), WorkerPool(workers=1)
     executor.shutdown()
     pool.close()
-    for closed, words in ((ExecutorPool(executor), "executor: takes no calls"), (pool, "runner:")):
+    for closed, words in (
+        (ExecutorPool(executor), "executor: accepts no calls"),
+        (pool, "runner:"),
+    ):
         with pytest.raises(harvester.HarvesterError, match=words):
             closed.map(print, [{}])
         with pytest.raises(harvester.HarvesterError, match=words):

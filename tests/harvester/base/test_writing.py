@@ -108,7 +108,7 @@ def bind(path):
         (os.mkdir, "is a folder"),
         (bind, "is a socket"),
         (lambda path: os.symlink(path, path), "symbolic links"),
-        (lambda path: os.symlink("no/where", path), "a link into a folder that is not there"),
+        (lambda path: os.symlink("no/where", path), "a link into a missing folder"),
     ],
 )
 def test_what_is_no_file_is_refused_and_stays(near, make, reason):
@@ -193,13 +193,13 @@ def test_files_that_the_program_names_are_no_way_out_of_a_folder(near, capsys):
     write_text("foreign", "old")
     os.symlink("../foreign", "results/linear-paper.json")
     os.symlink("results", "elsewhere")
-    with pytest.raises(OutputError, match="out of the folder"):
+    with pytest.raises(OutputError, match="outside the folder"):
         in_folder("elsewhere", "linear-paper.json")
     assert main(["average", "linear", "--method", "paper", "--output", "results"]) == 2
     assert (near / "foreign").read_text() == "old"
     os.mkfifo("results/linear-load-study.nc")
     assert main(["load-study", "linear", "--output", "results"]) == 2
-    assert "load-study.nc: is no regular file" in capsys.readouterr().err
+    assert "load-study.nc: is not a regular file" in capsys.readouterr().err
     assert in_folder("elsewhere", "new.json") == Path("elsewhere/new.json")
 
 

@@ -39,7 +39,7 @@ def test_a_second_run_is_refused_by_name_until_the_first_is_killed(tmp_path, oth
     assert main(command) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"{tmp_path}: another run is at work in this folder (process {other_run.pid} on" in error
+    assert f"{tmp_path}: another run uses this folder (process {other_run.pid} on" in error
     assert [path.name for path in tmp_path.glob("[!.]*")] == ["points"]
     other_run.kill()
     other_run.wait()
@@ -177,7 +177,7 @@ def test_a_folder_that_is_none_is_one_line(tmp_path, make, said):
 
 
 def test_a_name_too_long_is_one_line(tmp_path):
-    with pytest.raises(OutputError, match="cannot be made"):
+    with pytest.raises(OutputError, match="cannot be created"):
         StudyFolder(tmp_path / ("a" * 300)).hold()
 
 

@@ -226,7 +226,7 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
         ({"band": [1.0, 60.0]}, ["excitation.band", "50 Hz"]),
         ({"mend": ["nann"]}, ["mend[0]", "did you mean nan"]),
         ({"knot_spacing": 0.02}, ["knot_spacing", "0.01"]),
-        ({"knot_spacing": 0.005, "interpolation": "smooth"}, ["knot_spacing", "leave one out"]),
+        ({"knot_spacing": 0.005, "interpolation": "smooth"}, ["knot_spacing", "keep one"]),
         ({"interpolation": "smoth"}, ["did you mean smooth"]),
         ({"fade_in": 1.0, "repetition": "periodic"}, ["fade_in", "periodic"]),
         ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
@@ -309,7 +309,9 @@ def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
     for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "none"'):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
-    assert "2.6 times over" in " ".join(simulate(again, method="monte-carlo", runner=pool).notes)
+    assert "repeated 2.6 times" in " ".join(
+        simulate(again, method="monte-carlo", runner=pool).notes
+    )
 
 
 def test_gravity_is_taken_off_and_said(tmp_path):
@@ -319,11 +321,11 @@ def test_gravity_is_taken_off_and_said(tmp_path):
     expected = motion() - motion().mean()
     np.testing.assert_allclose(scene.excitation.samples, expected, atol=1e-12)
     said = " ".join(scene.excitation.notes(0.01, 76.0, scene.run))
-    assert "its constant part, 9.8" in said
+    assert "its mean, 9.8" in said
     assert 'detrend = "none" keeps it' in said
     kept = recorded(path, "device").excitation
     np.testing.assert_allclose(kept.samples, motion() + 9.80665, atol=1e-12)
-    assert "constant part" not in " ".join(kept.notes(0.01, 76.0, scene.run))
+    assert "its mean, " not in " ".join(kept.notes(0.01, 76.0, scene.run))
 
 
 def test_a_run_without_a_duration_lasts_as_long_as_its_record(tmp_path):

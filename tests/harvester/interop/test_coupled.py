@@ -88,7 +88,7 @@ def test_the_end_of_the_springs_range_ends_it():
     device = harvester.coupled(scene)
     with pytest.raises(SpringRangeLeft, match="range"):
         device.advance(5.0)
-    with pytest.raises(HarvesterError, match="give a time from"):
+    with pytest.raises(HarvesterError, match="give a time ≥"):
         device.advance(0.0)
 
 

@@ -105,7 +105,7 @@ def test_ranges_are_about_the_scenes_own_values():
     assert _range(scene, "oscillator.linear_stiffness", None) == pytest.approx((-12.0, -4.0 / 3.0))
     with pytest.raises(harvester.HarvesterError, match=r"stoppers\.gap: no range from 2 to 1"):
         _range(scene, "stoppers.gap", (2.0, 1.0))
-    with pytest.raises(harvester.HarvesterError, match=r"stoppers\.gap: .* is no range"):
+    with pytest.raises(harvester.HarvesterError, match=r"stoppers\.gap: .* is not a range"):
         _range(scene, "stoppers.gap", "wide")
     with pytest.raises(harvester.HarvesterError, match=r"stopper\.gap.*did you mean stoppers\.gap"):
         _range(scene, "stopper.gap", None)

@@ -41,7 +41,7 @@ def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     said = []
     path = write(scene, "shepherd", tmp_path, said.append, duration=2.0)[0]
     assert said[0] == "2 s at 100000 samples a second: up to 3.2 MB"
-    assert "live device gives" in said[1]
+    assert "real device gives" in said[1]
     caplog.set_level(logging.WARNING)
     with reader(path) as file:
         assert file.is_valid()

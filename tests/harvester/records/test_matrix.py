@@ -1,4 +1,4 @@
-"""Every cell of the table "What each kind of file can say" of docs/reference/files.md is a test."""
+"""Every cell of the table "Metadata by kind of file" of docs/reference/files.md is a test."""
 
 import importlib
 import re
@@ -137,7 +137,7 @@ FEATURES = ("unit", "contradicting unit", "scale and offset", "rate beside times
 def table():
     """{(kind, feature): what the page says}."""
     page = PAGE.read_text(encoding="utf-8")
-    part = page.partition("## What each kind of file can say")[2].partition("\n## ")[0]
+    part = page.partition("## Metadata by kind of file")[2].partition("\n## ")[0]
     rows = [re.split(r"\s*\|\s*", line)[1:-1] for line in part.splitlines() if line[:1] == "|"]
     header, _, *lines = rows
     return {

@@ -209,7 +209,7 @@ def test_keys_are_checked_before_the_record_is_read(tmp_path):
     path = written(tmp_path, ONE, rows())
     for run in ({}, {"duration": 1.0}):
         for key, value, message in (
-            ("scale", 0.0, "excitation.scale = 0: must be another number"),
+            ("scale", 0.0, "excitation.scale = 0: must not be 0"),
             (
                 "unit",
                 "scaled",

@@ -45,8 +45,8 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
         (["oscillator={mass=1,frequency=2,linear_stiffness=3,damping=1}"], "exclude each other"),
         (["oscillator={mass=1,frequency=2,damping=1,quality_factor=3}"], "exclude each other"),
         (["oscillator.restoring_force=[0,0,0,5]", "oscillator.quality_factor=9"], "no stiffness"),
-        (["load.resistance=2M"], "a million to people and a thousandth to SPICE: write 2meg or 2m"),
-        (["load.resistance=2q"], "no suffix q"),
+        (["load.resistance=2M"], "M is 1e6 in SI and 1e-3 in SPICE: write 2meg or 2m"),
+        (["load.resistance=2q"], "unknown suffix q"),
         (["load.resistance='2'"], "must be a number > 0"),
     ],
 )

@@ -196,7 +196,7 @@ def test_mistakes_are_named(over, options, message):
 def test_the_command_names_mistakes(capsys):
     for arguments, message in (
         (["--over", "load.decay_rate=1-2"], "must be written as TABLE.KEY=LOW:HIGH"),
-        (["--over", "load.decay_rate"] * 2, "is there twice"),
+        (["--over", "load.decay_rate"] * 2, "is given twice"),
         (["--over", "load.decay_rate=1:2", "--from", "1"], "are for a single --over"),
         (["--over", "load.decay_rate", "--evaluations", "9"], "is for several parameters"),
     ):

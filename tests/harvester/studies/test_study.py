@@ -145,7 +145,7 @@ def test_steps_that_cost_more_than_the_precision_are_told(linear, pool, monkeypa
     monkeypatch.setattr("harvester.studies.loads.evaluation.step_error", lambda *of: 0.3)
     options = {"method": "monte-carlo", "precision": 0.2, "executor": pool}
     (point,) = load_study(linear, loads=["resistor"], **options).evaluations
-    assert "the steps may cost 0.3 of a power" in point.outcome
+    assert "the relative step error of a power may be 0.3" in point.outcome
 
 
 def test_a_power_without_an_error_bar_says_why(linear, pool):

@@ -149,7 +149,7 @@ def test_a_figure_without_any_answer_is_drawn_and_counts_its_failed_runs(name, t
     figures.write(content.figure(), tmp_path / "figure.svg")
     runs = sum(method in ("monte-carlo", "circuit") for _, _, method, *_ in content.points())
     assert content.failed_runs == runs > 0
-    assert f"why is in {name}.json" in (tmp_path / "figure.svg").read_text()
+    assert f"reasons in {name}.json" in (tmp_path / "figure.svg").read_text()
 
 
 def test_the_legend_has_a_method_whose_runs_are_all_too_short():

@@ -84,7 +84,7 @@ def test_files(tmp_path, capsys):
     capsys.readouterr()
     assert main(["schematic", "linear"]) == 0
     assert ElementTree.fromstring(capsys.readouterr().out).tag.endswith("svg")
-    with pytest.raises(OutputError, match=r"\.svg or a \.png"):
+    with pytest.raises(OutputError, match=r"\.svg or \.png"):
         schematic(Scene.read("linear")).save(tmp_path / "a.jpg")
 
 

@@ -180,7 +180,7 @@ def test_close_discs_leave_the_beam_monostable():
     dipoles = scene.replace(magnets=volumes)
     assert len(restoring_spring(dipoles.oscillator).roots()) == 3
     (note,) = magnet_notes(dipoles.magnets)
-    assert "dipoles 1.8 of a magnet's widths apart" in note
+    assert "dipoles are 1.8 magnet widths apart" in note
 
 
 @pytest.mark.parametrize("place", [-4e-3, 0.0, 10e-3])
@@ -218,7 +218,7 @@ CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"reach": 0.05}, "would turn by"),
+        ({"reach": 0.05}, "would rotate by"),
         ({"spacing": 0.01}, "belongs to attracting"),
         ({"tip_moment": None}, "give either tip_moment"),
         ({"tip_moment": None, "tip_size": [5e-3, 3e-3], "remanence": 1.2}, "both tip_size and"),
@@ -227,10 +227,10 @@ CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
         ({**CLOSE, "tip_size": [10, 3]}, r"tip_size\[0\] = 10: .*10 mm is 0.01$"),
         ({**CLOSE, "distance": 2.9e-3}, "magnets overlap"),
         ({**CLOSE, "distance": 3.5e-3, "reach": 1e-3}, "come too close"),
-        ({**CLOSE, "distance": 3.5e-3}, "strikes one on the frame"),
+        ({**CLOSE, "distance": 3.5e-3}, "hits one on the frame"),
         (
             {**CLOSE, "arrangement": "attracting", "distance": 2e-3, "spacing": 0.02},
-            "strikes one on the frame: lower it",
+            "hits one on the frame: lower it",
         ),
         ({"tip_moment": None, "tip_volume": 1e-7}, "needs magnets.remanence"),
     ],
