@@ -1,7 +1,7 @@
 """Options of a command for cyclopts, from the signature and docstring of its function.
 
 - A parameter in the docstring's section "Parameters" is an option, with its description as help;
-"Other Parameters" are available from Python alone.
+  "Other Parameters" are available from Python alone.
 - `--name` is the parameter's name, or the name in its annotation (`harvester.base.signatures`).
 - A positional-only parameter is a positional argument. So is the scene, which adds --set and
   --seed.
