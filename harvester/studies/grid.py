@@ -147,7 +147,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
     loads = (loaded_scene.load for loaded_scene in loaded.values())
     parameters = [name for load in loads if load.netlist for name in load.circuit.values]
     parameter_keys = (f"load.parameters.{name}" for name in parameters)
-    number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *parameter_keys))]
+    number_keys = [*dict.fromkeys((*numbers(scene), *parameter_keys))]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in all_keys()):

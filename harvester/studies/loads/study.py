@@ -246,11 +246,10 @@ class LoadStudy(ResultBase):
                 f"power known to {reached:.1%}" if math.isfinite(reached) else "no error bar"
             )
             notes.append(precision + f", not the {asked:.1%} asked for" * (not reached <= asked))
-        inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
             quantity(self.grid.sweeps[key][index], unit) if key else "",
-            quantity(optimum.place, unit) if inside else NOT_KNOWN,
+            quantity(optimum.place, unit) if math.isfinite(optimum.place) else NOT_KNOWN,
             span(optimum.low, optimum.high, unit),
             with_error(best.estimates["output_power"], self.unit),
             share_with_error(efficiency, sign=False) if efficiency else NOT_KNOWN,
