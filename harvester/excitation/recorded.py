@@ -149,6 +149,10 @@ class RecordedMotion(Excitation):
         return self.period or (self.samples.size - 1) * self.interval
 
     @property
+    def longest_run(self) -> float:
+        return math.inf if self.period else (self.samples.size - 1) * self.interval
+
+    @property
     def random(self) -> bool:
         return self.repetition == "periodic"
 

@@ -195,7 +195,7 @@ class Residence(ResultBase):
         if few:
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
-                f"stays: raise run.duration = {self.scene.run.duration:g}"
+                f"stays: {self.scene.excitation.longer_run(self.scene.run)}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
@@ -203,7 +203,7 @@ class Residence(ResultBase):
             lines.append(
                 f"{len(missed)} of {len(self.stays)} do not have the precision of "
                 f"{self.precision:.2g} with {2**MOST_DOUBLINGS} times the scene's realizations: "
-                f"raise run.duration = {self.scene.run.duration:g} or run.realizations = "
+                f"{self.scene.excitation.longer_run(self.scene.run)} or run.realizations = "
                 f"{self.scene.run.realizations}"
             )
         longer = max(stay.longer_by_knots for stay in self.stays)

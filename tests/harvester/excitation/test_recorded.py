@@ -11,6 +11,7 @@ from harvester.excitation import recorded as recorded_motion
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
+from harvester.studies.answers import longer_runs
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -350,3 +351,24 @@ def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():
     # From the sample after the record's last one to the first that is left as it was.
     assert (rising[0], falling[0]) == (0.0, 1.0)
     assert rising[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_no_run_longer_than_the_record_is_advised(tmp_path):
+    """Of 40 s: a run of 30 s may be longer, one that uses all of it may not, a periodic one may."""
+    path = saved(tmp_path, motion())
+    longer = "take a longer record than its 40 s"
+    for run, repetition, advice in (
+        ({}, None, "raise run.duration = 30"),
+        ({"settle": 10.0}, None, longer),
+        ({"settle": 10.0}, "periodic", "raise run.duration = 30"),
+    ):
+        scene = recorded(path, run=run, repetition=repetition)
+        assert scene.excitation.longer_run(scene.run) == advice
+    noise = {"kind": "ornstein-uhlenbeck", "intensity": 0.01, "correlation_time": 0.5}
+    tables = scene.to_tables()
+    tables["excitation"].pop("repetition")
+    tables["excitation"] = {"kind": "sum", "parts": [tables["excitation"], noise]}
+    scene = Scene.from_tables(tables, name="sum")
+    assert longer_runs(scene) == f"{longer} (four times as long halves the errors)"
+    short = recorded(path, run={"duration": 2.0, "settle": 38.0})
+    assert "raise" not in simulate(short, method="monte-carlo")["mean_power"].note

@@ -234,6 +234,14 @@ def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
     assert "raise run.duration = 3000" in str(caught.value)
 
 
+def test_differences_without_an_error_bar_are_not_flat(monkeypatch):
+    search = searched(lambda place: 1.0 - (place - 0.4) ** 2, 0.0, monkeypatch)
+    search._error_of = lambda series: None
+    with pytest.raises(OptimumError, match="differences without an error bar") as caught:
+        search.find(0.5)
+    assert "flat" not in str(caught.value)
+
+
 @pytest.mark.parametrize(("own_noise", "least", "most"), [(0.5, 1.0, 1.0), (1.5, 1.2, 3.9)])
 def test_no_more_realizations_run_than_the_interval_takes(own_noise, least, most, monkeypatch):
     """Two standard errors of the place may be 0.15 of the half width; 0.18 take twice the runs.

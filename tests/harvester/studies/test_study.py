@@ -391,6 +391,18 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     assert "still charges" in slow.estimates["output_power"].note
 
 
+def test_the_output_power_has_one_error(pool):
+    """The memory of the load's store is in that of both names."""
+    scene = Scene.read("device").replace({"run.duration": 8.0, "run.settle": 2.0})
+    scene = scene.replace({"run.realizations": 8, "load.netlist": "bridge"})
+    over = {"load.parameters.storage": [1e-7, 4e-7]}
+    for point in load_study(scene, over=over, method="monte-carlo", executor=pool).evaluations:
+        power = point.estimates["output_power"]
+        assert power.standard_error > 0.0
+        assert power == point.estimates["mean_output_power"]
+        assert power.standard_error == point.power_error
+
+
 def test_its_files_hold_what_it_found(study, tmp_path):
     xarray = pytest.importorskip("xarray")
     assert len(save(study, tmp_path, "load-study")) == 6
