@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from typing import Any, ClassVar
 
-from harvester.base.formatting import quantity
+from harvester.base.formatting import engineering, quantity
 from harvester.base.registry import Registry
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
@@ -256,10 +256,13 @@ def key_words(dotted: str, units: str) -> tuple[str, str]:
 
 
 def value_words(dotted: str, value: float | str, units: str) -> str:
-    """ "27.3 kΩ": a value of a key with its unit; a word as it is."""
+    """ "27.3 kΩ": a value of a key with its unit, "10u" of a netlist's parameter; words are kept."""
     if isinstance(value, str):
         return value
-    return quantity(value, key_words(dotted, units)[1], 6)
+    unit = key_words(dotted, units)[1]
+    if dotted.startswith("load.parameters.") and not unit:
+        return engineering(value)
+    return quantity(value, unit, 6)
 
 
 def key_label(dotted: str, units: str) -> str:

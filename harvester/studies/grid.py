@@ -122,12 +122,13 @@ def make_grid(
     netlists = ", ".join(label for label in labels if loaded[label].load.netlist)
     if RESISTANCES[1] in sweeps and netlists:
         notes += (f"{RESISTANCES[1]} sets {RESISTANCES[0]} of {netlists}",)
-    points = _on_common_knots(points)
+    # One spacing of knots for the scene too, which keeps its own load and values.
+    scene, *points = _on_common_knots([GridPoint("", (), scene), *points])
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)
         for key, values in sweeps.items()
     }
-    return Grid(points[0].scene, labels, swept, tuple(points), notes)
+    return Grid(scene.scene, labels, swept, tuple(points), notes)
 
 
 def _is_path(load):

@@ -64,8 +64,8 @@ def optimum_of(
     """The maximum of a curve, from the parabola through ln P at its highest point and neighbours.
 
     The interval is two paired standard errors to either side, widened by how far the parabola
-    through P itself lies off (the curve is neither), by other curves through five points (`_maxima`),
-    and by the points that are no lower than the highest within two paired standard errors.
+    through P itself lies off (the curve is neither), by other curves through five points
+    (`_maxima`), and by the points that are no lower than the highest within two paired errors.
 
     Parameters
     ----------

@@ -66,6 +66,8 @@ COLUMNS = (
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
     "neighbours; interval: of that maximum, 95 %"
 )
+# Most curves that a headline names as equal to the highest.
+MOST_NAMED = 3
 # Share of the time budget that is kept for the circuit as judge.
 PROOF_SHARE = 0.2
 
@@ -178,18 +180,35 @@ class LoadStudy(ResultBase):
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
         """(order, differences) at each point of the other sweeps."""
         loads = self.grid.loads
-        rankings = {}
-        for other in np.ndindex(self.optima.shape[1:]):
-            places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
-            best = {load: e for load, e in places if e}
-            powers = {load: e.power for load, e in best.items()}
-            # Without chance a power has no statistical error, though its batches may be few.
-            exact = not self.scene.excitation.random and any(
-                math.isnan(e.power_error) for e in best.values()
-            )
-            series = {load: None if exact else e.series for load, e in best.items()}
-            rankings[other] = rank(powers, series)
-        return rankings
+        return {
+            other: self._ranked({load: (k, *other) for k, load in enumerate(loads)})
+            for other in np.ndindex(self.optima.shape[1:])
+        }
+
+    @cached_property
+    def ranked_curves(self) -> tuple[list[str], list[Difference]]:
+        """(order, differences) of all curves, named by their load and values of other sweeps."""
+        return self._ranked(self._curve_names)
+
+    @cached_property
+    def _curve_names(self):
+        """The curves: their names, and where they are in `curves`."""
+        return {
+            f"{load} at {words}" if words else load: (k, *other)
+            for other, words in self.others()
+            for k, load in enumerate(self.grid.loads)
+        }
+
+    def _ranked(self, curves):
+        """(order, differences) of curves, which are given by name, at their optima."""
+        best = {name: e for name, where in curves.items() if (e := self.best(where))}
+        powers = {name: e.power for name, e in best.items()}
+        # Without chance a power has no statistical error, though its batches may be few.
+        exact = not self.scene.excitation.random and any(
+            math.isnan(e.power_error) for e in best.values()
+        )
+        series = {name: None if exact else e.series for name, e in best.items()}
+        return rank(powers, series)
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Points of the other sweeps with their values as text, "" where there are none."""
@@ -271,8 +290,8 @@ class LoadStudy(ResultBase):
         ]
 
     def _value(self, key, value):
-        words, unit = key_words(key, self.scene.units)
-        return f"{words} = {quantity(value, unit)}"
+        words = key_words(key, self.scene.units)[0]
+        return f"{words} = {value_words(key, value, self.scene.units)}"
 
     def _findings(self) -> list[str]:
         """Sentences on the ranking, the precision reached, the outcome and the work done."""
@@ -346,20 +365,20 @@ class LoadStudy(ResultBase):
 
     def _headline(self) -> str:
         """The best load with its power, and where its optimum is."""
-        best = [
-            (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
-        ]
-        best = [pair for pair in best if "output_power" in pair[1].estimates]
-        if not best:
+        order, differences = self.ranked_curves
+        if not order:
             return "no load has a power"
-        where, top = max(best, key=lambda pair: pair[1].power)
+        where: Any = self._curve_names[order[0]]
+        top: Any = self.best(where)
         key, index = self.curve_keys[0], self.optima[where][1]
-        at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
+        values = [self._value(key, self.grid.sweeps[key][index])] if key else []
+        values += filter(None, [dict(self.others())[where[1:]]])
+        at = f" at {', '.join(values)}" if values else ""
         power = with_error(top.estimates["output_power"], self.unit)
-        load = self.grid.loads[where[0]]
-        equal = [d.worse for d in self.rankings[where[1:]][1] if d.better == load and not d.differs]
+        equal = [d.worse for d in differences if d.better == order[0] and not d.differs]
+        equal[MOST_NAMED:] = [f"{len(equal) - MOST_NAMED} more"] * (len(equal) > MOST_NAMED)
         as_much = f", not significantly more than from {' and '.join(equal)}" if equal else ""
-        return f"most power: {power} from {load}{at}{as_much}"
+        return f"most power: {power} from {self.grid.loads[where[0]]}{at}{as_much}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and a row for each point: load, swept values, all quantities with their errors.

@@ -1,6 +1,7 @@
 import csv
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -103,7 +104,8 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     # Only a significant lead ranks: a tenth at ten standard errors, not at two.
     for error, sign in ((0.01, ">"), (0.05, "=")):
         lead = replace(difference, estimate=0.1, standard_error=error)
-        vars(study)["rankings"] = {(): ([lead.better, lead.worse], [lead])}
+        ranked = [lead.better, lead.worse], [lead]
+        vars(study).update(rankings={(): ranked}, ranked_curves=ranked)
         ranking, sentence = study.sentences()[:2]
         assert ranking == f"ranking at the optima: {lead.better} {sign} {lead.worse}"
         assert sentence.endswith("no significant difference") == (sign == "=")
@@ -401,6 +403,20 @@ def test_the_output_power_has_one_error(pool):
         assert power.standard_error > 0.0
         assert power == point.estimates["mean_output_power"]
         assert power.standard_error == point.power_error
+
+
+def test_the_headline_names_all_swept_values_and_equal_ones(linear, pool):
+    """A cubic stiffness of 1e-9 changes no power."""
+    over = {RESISTANCE: [0.3, 0.5, 1.0], "oscillator.cubic_stiffness": [0.0, 1e-9]}
+    found = load_study(linear, over=over, method="monte-carlo", precision=0.3, executor=pool)
+    (load, *_), (difference,) = found.ranked_curves
+    assert difference.better == load
+    assert not difference.differs
+    said = found.headline()
+    assert re.search(r"from scene at load resistance = [\d.]+, cubic stiffness = ", said)
+    assert ", not significantly more than from scene at cubic stiffness = " in said
+    # The scene of the report keeps the user's load.
+    assert found.scene.load == linear.load != found.grid.points[0].scene.load
 
 
 def test_its_files_hold_what_it_found(study, tmp_path):
