@@ -256,7 +256,7 @@ def key_words(dotted: str, units: str) -> tuple[str, str]:
 
 
 def value_words(dotted: str, value: float | str, units: str) -> str:
-    """ "27.3 kΩ": a value of a key with its unit, "10u" of a netlist's parameter; words are kept."""
+    """ "27.3 kΩ": a value of a key with its unit, or "10u" of a netlist's parameter; words."""
     if isinstance(value, str):
         return value
     unit = key_words(dotted, units)[1]

@@ -93,7 +93,8 @@ def test_the_interval_holds_a_kink_and_stays_narrow_on_a_smooth_curve(factor):
             assert low < 1e-9
             assert high > -1e-9
     for (low, high), (least, most) in widths(matched, factor):
-        assert low < 1e-9 and high > -1e-9
+        assert low < 1e-9
+        assert high > -1e-9
         assert high - low < most - least + 0.01
 
 
