@@ -251,8 +251,8 @@ class RecordedMotion(Excitation):
 
     def averaging_refusal(self) -> str:
         return (
-            "averaging takes Ornstein–Uhlenbeck noise: ask for a fit to the record's spectrum "
-            "(--fit), or simulate"
+            "averaging takes Ornstein–Uhlenbeck noise: simulate (method monte-carlo), or average "
+            "a fit to the record's spectrum (harvester average --fit)"
         )
 
 

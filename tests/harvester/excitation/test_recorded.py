@@ -4,7 +4,8 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat, records_of
 
-from harvester.base.errors import SceneError
+from harvester.averaging.of_scene import average
+from harvester.base.errors import AveragingError, SceneError
 from harvester.engines.simulate import simulate
 from harvester.excitation import conditioning
 from harvester.excitation import recorded as recorded_motion
@@ -372,3 +373,13 @@ def test_no_run_longer_than_the_record_is_advised(tmp_path):
     assert longer_runs(scene) == f"{longer} (four times as long halves the errors)"
     short = recorded(path, run={"duration": 2.0, "settle": 38.0})
     assert "raise" not in simulate(short, method="monte-carlo")["mean_power"].note
+
+
+def test_averaging_of_a_record_advises_what_applies_to_it(tmp_path):
+    scene = recorded(saved(tmp_path, motion()), "paper", unit="scaled")
+    with pytest.raises(AveragingError, match=r"simulate \(method monte-carlo\), or average a fit"):
+        average(scene, method="fokker_planck")
+    with pytest.raises(AveragingError, match=r"the spring is not linear: simulate$"):
+        average(scene, method="spectral")
+    with pytest.raises(AveragingError, match="the spring is not linear: simulate, or take the"):
+        average("paper", method="spectral")
