@@ -23,6 +23,7 @@ from harvester.results.files import save
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
+from harvester.studies.loads import drawing
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
 from harvester.studies.public import load_study
@@ -417,6 +418,18 @@ def test_the_headline_names_all_swept_values_and_equal_ones(linear, pool):
     assert ", not significantly more than from scene at cubic stiffness = " in said
     # The scene of the report keeps the user's load.
     assert found.scene.load == linear.load != found.grid.points[0].scene.load
+
+
+def test_points_without_an_error_bar_have_a_ring(study):
+    bare = replace(study.evaluations[2].estimates["output_power"], standard_error=None)
+    evaluations = list(study.evaluations)
+    evaluations[2] = replace(evaluations[2], estimates={"output_power": bare})
+    (axes,) = replace(study, evaluations=evaluations).figure("power").axes
+    rings = [line for line in axes.lines if line.get_markersize() == drawing.RING]
+    assert [list(line.get_xdata()) for line in rings] == [[study.grid.sweeps[RESISTANCE][2]], []]
+    assert rings[-1].get_label() == "ring: no error bar"
+    (axes,) = study.figure("power").axes
+    assert not any(line.get_label() == "ring: no error bar" for line in axes.lines)
 
 
 def test_its_files_hold_what_it_found(study, tmp_path):
