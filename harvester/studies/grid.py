@@ -124,12 +124,12 @@ def make_grid(
     if RESISTANCES[1] in sweeps and netlists:
         notes += (f"{RESISTANCES[1]} sets {RESISTANCES[0]} of {netlists}",)
     # One spacing of knots for the scene too, which keeps its own load and values.
-    scene, *points = _on_common_knots([GridPoint("", (), scene), *points])
+    given, *points = _on_common_knots([GridPoint("", (), scene), *points])
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)
         for key, values in sweeps.items()
     }
-    return Grid(scene.scene, labels, swept, tuple(points), notes)
+    return Grid(given.scene, labels, swept, tuple(points), notes)
 
 
 def _is_path(load):

@@ -63,7 +63,7 @@ DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
     "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
-    "neighbours; interval: of that maximum, 95 %"
+    "neighbours; interval: of that maximum, 95 %, with those of other curves through five points"
 )
 # Most curves that a headline names as equal to the highest.
 MOST_NAMED = 3

@@ -288,6 +288,7 @@ class Search:
         )
         if fit.unknown:
             flat = "has differences without an error bar, so that its maximum is not known"
+            otherwise = "compare the values by harvester sweep"
         advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
             advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
