@@ -121,7 +121,15 @@ def test_a_difference_without_an_error_bar_is_not_flat():
     assert optimum.note == NO_ERROR
     assert math.isnan(optimum.low)
     assert optimum.place > 0.0
+    # Equal neighbours leave the outer point's difference to decide how far the curve is flat.
+    noisy = np.random.default_rng(6).standard_normal((5, 1, 64))
+    powers = np.array([1.498, 1.499, 1.5, 1.499, 1.498])
+    series = [0.1 * (s - s.mean()) + power for s, power in zip(noisy, powers, strict=True)]
+    assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, series).note.startswith("flat")
+    series[4] = 1.498 + slow - slow.mean()
+    assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, series).note == NO_ERROR
     # Far from the highest point, beyond one that is surely lower, no error is needed.
+    powers = np.array([1.0, 1.4, 1.5, 1.3, 0.9])
     quiet = [np.full((1, 64), power) for power in powers]
     quiet[4] = 0.9 + slow
     assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, quiet).note == ""
