@@ -67,6 +67,8 @@ COLUMNS = (
 )
 # Most curves that a headline names as equal to the highest.
 MOST_NAMED = 3
+EQUAL = "not significantly more than from"
+UNKNOWN = "by a lead without an error bar over"
 # Share of the time budget reserved for the cross-check with the circuit.
 PROOF_SHARE = 0.2
 
@@ -377,10 +379,13 @@ class LoadStudy(ResultBase):
         values += filter(None, [dict(self.others())[where[1:]]])
         at = f" at {', '.join(values)}" if values else ""
         power = with_error(top.estimates["output_power"], self.unit)
-        equal = [d.worse for d in differences if d.better == order[0] and not d.differs]
-        equal[MOST_NAMED:] = [f"{len(equal) - MOST_NAMED} more"] * (len(equal) > MOST_NAMED)
-        as_much = f", not significantly more than from {' and '.join(equal)}" if equal else ""
-        return f"most power: {power} from {self.grid.loads[where[0]]}{at}{as_much}"
+        text = f"most power: {power} from {self.grid.loads[where[0]]}{at}"
+        leads = [d for d in differences if d.better == order[0] and not d.differs]
+        for unknown, words in enumerate((EQUAL, UNKNOWN)):
+            names = [d.worse for d in leads if math.isnan(d.standard_error) == unknown]
+            names[MOST_NAMED:] = [f"{len(names) - MOST_NAMED} more"] * (len(names) > MOST_NAMED)
+            text += f", {words} {' and '.join(names)}" if names else ""
+        return text
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and one row per point: load, swept values, all quantities with their errors.

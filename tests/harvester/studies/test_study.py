@@ -103,7 +103,7 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     assert difference.standard_error < 1e-5
     assert abs(difference.estimate) < 1e-5
     # Only a significant lead ranks: a tenth at ten standard errors, not at two.
-    for error, sign in ((0.01, ">"), (0.05, "=")):
+    for error, sign in ((0.01, ">"), (0.05, "="), (math.nan, "?")):
         lead = replace(difference, estimate=0.1, standard_error=error)
         ranked = [lead.better, lead.worse], [lead]
         vars(study).update(rankings={(): ranked}, ranked_curves=ranked)
@@ -112,6 +112,8 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
         assert sentence.endswith("no significant difference") == (sign == "=")
         equal = f", not significantly more than from {lead.worse}"
         assert study.view().headline.endswith(equal) == (sign == "=")
+        unknown = f", by a lead without an error bar over {lead.worse}"
+        assert study.view().headline.endswith(unknown) == (sign == "?")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
 
@@ -394,6 +396,7 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     assert "still charges" in slow.estimates["output_power"].note
 
 
+@pytest.mark.slow
 def test_the_output_power_has_one_error(pool):
     """The memory of the load's store is in that of both names."""
     scene = Scene.read("device").replace({"run.duration": 8.0, "run.settle": 2.0})
@@ -406,6 +409,7 @@ def test_the_output_power_has_one_error(pool):
         assert power.standard_error == point.power_error
 
 
+@pytest.mark.slow
 def test_the_headline_names_all_swept_values_and_equal_ones(linear, pool):
     """A cubic stiffness of 1e-9 changes no power."""
     over = {RESISTANCE: [0.3, 0.5, 1.0], "oscillator.cubic_stiffness": [0.0, 1e-9]}
