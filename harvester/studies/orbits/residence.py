@@ -389,7 +389,8 @@ def _draw(residence):
         label = (
             f"well at {residence.sign}{quantity(well, unit_of(residence.scene, 'displacement'))}"
         )
-        series.append(Series(x, y, label, colour, "", "o", bars=bars))
+        bare = [stay.standard_error is None for stay in some]
+        series.append(Series(x, y, label, colour, "", "o", bars=bars, hollow=bare))
         with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
         if with_formula:
             x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
@@ -397,7 +398,7 @@ def _draw(residence):
     values = [stay.value for stay in residence.stays]
     label = key_label(residence.key, residence.scene.units)
     panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
-    title = f"{residence.scene.name}: mean time in a well (bars: two standard errors)"
+    title = f"{residence.scene.name}: mean time in a well (bars: two standard errors; hollow: none)"
     return draw_panels([panel], title, size=(4.0, 3.0))
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,11 @@ def test_averaging_and_simulation_together():
     assert {len(row) for row in rows} == {len(header)}
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert len(found.figure().axes) == 1
+    place, value = found.searched[0]
+    bare = replace(found, searched=[(place, replace(value, standard_error=None))])
+    lines = bare.figure().axes[0].lines
+    white = [line for line in lines if line.get_markerfacecolor() == "white"]
+    assert [list(line.get_xdata()) for line in white] == [[place["load.decay_rate"]]]
     low, high = told["simulation"]["interval"]
     assert low < told["simulation"]["place"]["estimate"] < high
 
