@@ -74,12 +74,14 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
 def spectral_refusal(system: System, excitation: Excitation) -> str:
     """Reason why the spectrum alone does not give the means; empty if it does."""
+    averaged = not excitation.averaging_refusal()
+    remedy = "simulate" + ", or take the closure fokker_planck" * averaged
     if not system.spring.straight:
-        return "the spring is not linear: simulate, or take the closure fokker_planck"
+        return f"the spring is not linear: {remedy}"
     if system.contacts:
-        return "stoppers are not linear: simulate, or take the closure fokker_planck"
+        return f"stoppers are not linear: {remedy}"
     if not isinstance(system.damper, Damper):
-        return "the damper has a quadratic part: simulate, or take the closure fokker_planck"
+        return f"the damper has a quadratic part: {remedy}"
     if excitation.drifts or excitation.density(np.array([1.0])) is None:
         return (
             f'excitation.kind = "{excitation.kind}" has no known density: simulate, or '

@@ -178,6 +178,19 @@ def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
     return Printed(text, unit=unit, ends=(low, high))
 
 
+def engineering(value: float, digits: int = 6) -> Printed:
+    """A number in SPICE's form, which needs no unit; one that is short in plain form as it is.
+
+    >>> engineering(1e-5), engineering(16e3), engineering(2.2e6), engineering(0.05)
+    ('10u', '16k', '2.2meg', '0.05')
+    """
+    if 1e-3 <= abs(value) < 1e4 or not value or not math.isfinite(value):
+        return number(value, digits)
+    factor, volts = prefixed(value, "V")
+    letter = {"µV": "u", "MV": "meg"}.get(volts, volts[:-1].lower())
+    return Printed(f"{_number(factor * value, digits)}{letter}", value)
+
+
 def number(value: float, digits: int = 4) -> Printed:
     """A plain number; a dash for NaN and infinity.
 

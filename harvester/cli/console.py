@@ -55,7 +55,7 @@ def progress(
     def update(share, words=""):
         elapsed = bar.tasks[task].elapsed or 1.0
         rate = f"{share * simulated_seconds / elapsed:,.0f} s/s" if simulated_seconds else words
-        rate = rate if share else f"{words}: {STARTING}"
+        rate = rate if share else _starting(words)
         bar.update(task, completed=share, rate=rate)
 
     # The delay begins here and not at the first report, since a long compilation may precede it.
@@ -110,9 +110,13 @@ class _Lines:
         elif done > 0.0:
             remaining = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
         elif self._first and not self._share:
-            remaining = f"{self._words}: {STARTING}"
+            remaining = _starting(self._words)
         share = f"{self._share:.2%} " if self._share else ""
         print(f"{self._label}: {share}after {elapsed:.0f} s, {remaining}", file=sys.stderr)
+
+
+def _starting(words):
+    return f"{words}: {STARTING}" if words else STARTING
 
 
 def _duration(seconds):

@@ -35,6 +35,7 @@ def suspected_cause(result: Result) -> str:
 def _causes(result):
     """Clauses on the causes that the evidence suggests, the most certain first."""
     prepared_scene = result.prepared_scene
+    scene = prepared_scene.scene
     system, converter = prepared_scene.system, result.scaled_quantities.get("mean_converter_loss")
     # Integrals of each realization, and the change of its stored energy.
     sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
@@ -62,7 +63,7 @@ def _causes(result):
     if not share < STORED_SHARE_OF_SHORT_RUNS:
         yield (
             f"the run is too short: the stored energy changes by {share:.2g} of the input, so "
-            "that its ends matter; raise run.duration"
+            f"that its ends matter; {scene.excitation.longer_run(scene.run)}"
         )
     fastest = _fastest(prepared_scene)
     beyond_steps = (

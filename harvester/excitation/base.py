@@ -135,6 +135,17 @@ class Excitation(Table, ABC):
         return None
 
     @property
+    def longest_run(self) -> float:
+        """Longest sum of run.settle and run.duration (s)."""
+        return math.inf
+
+    def longer_run(self, run: Run) -> str:
+        """Advice for means that need a longer run; a record may end."""
+        if run.settle + 1.01 * run.duration > self.longest_run:
+            return f"take a longer record than its {self.longest_run:g} s"
+        return f"raise run.duration = {run.duration:g}"
+
+    @property
     def drifts(self) -> bool:
         """Whether the intensity changes during the run, as in the record of one event."""
         return False

@@ -149,6 +149,10 @@ class RecordedMotion(Excitation):
         return self.period or (self.samples.size - 1) * self.interval
 
     @property
+    def longest_run(self) -> float:
+        return math.inf if self.period else (self.samples.size - 1) * self.interval
+
+    @property
     def random(self) -> bool:
         return self.repetition == "periodic"
 
@@ -247,8 +251,8 @@ class RecordedMotion(Excitation):
 
     def averaging_refusal(self) -> str:
         return (
-            "averaging needs Ornstein–Uhlenbeck noise: request a fit to the record's spectrum "
-            "(--fit), or simulate"
+            "averaging needs Ornstein–Uhlenbeck noise: simulate (method monte-carlo), or average "
+            "a fit to the record's spectrum (harvester average --fit)"
         )
 
 

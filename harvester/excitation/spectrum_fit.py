@@ -64,7 +64,8 @@ class SpectrumFit:
         The record's density relative to the fit in the octave around the device's frequency; nan if
         the compared band does not contain it.
     unexplained
-        Share of the band's variance not explained by the fit, in third octaves.
+        ∫|P − S| over ∫max(P, S) of the band, in thirds of octaves: the share of the variance of
+        record and fit together that they do not have in common.
     excess_kurtosis
         Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
         an envelope.
@@ -98,7 +99,9 @@ class SpectrumFit:
                 f"{self.decibels:+.1f} dB from the fit"
             )
         if self.unexplained > FAR_SHARE:
-            differences.append(f"{self.unexplained:.0%} of its variance is unexplained by the fit")
+            differences.append(
+                f"it and the fit have only {1.0 - self.unexplained:.0%} of their variance in common"
+            )
         if abs(self.excess_kurtosis) > FAR_KURTOSIS:
             differences.append(
                 f"its excess kurtosis is {self.excess_kurtosis:.1f}, that of the noise 0"
@@ -117,8 +120,8 @@ class SpectrumFit:
             return (
                 fit,
                 f"the record is close to it: {self.decibels:+.1f} dB around the device's "
-                f"{self.device_frequency:.3g} Hz, {self.unexplained:.0%} of the variance not "
-                f"explained, excess kurtosis {self.excess_kurtosis:.1f}",
+                f"{self.device_frequency:.3g} Hz, {1.0 - self.unexplained:.0%} of the variance in "
+                f"common with the fit, excess kurtosis {self.excess_kurtosis:.1f}",
             )
         return (fit, f"the record is FAR from Ornstein–Uhlenbeck: {'; '.join(self.reasons)}")
 
@@ -193,9 +196,10 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
             "the record's density falls over its whole band and gives no D: a longer record is "
             "needed, or it is not Ornstein–Uhlenbeck noise; simulate"
         )
-    # ∫|P − S| over ∫P, each first averaged over thirds of octaves.
+    # ∫|P − S| over ∫max(P, S), each first averaged over thirds of octaves.
     thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
-    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
+    measured, modelled = np.bincount(thirds, density), np.bincount(thirds, fitted)
+    apart = np.abs(measured - modelled).sum() / np.maximum(measured, modelled).sum()
     errors = _relative_errors(frequency[in_band], time, weight)
     return SpectrumFit(
         intensity=float(intensity),
@@ -209,7 +213,7 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         highest=float(frequency[in_band][-1]),
         device_frequency=device_frequency,
         decibels=_decibels(frequency, density, fitted, device_frequency),
-        unexplained=float(np.abs(apart).sum() / density.sum()),
+        unexplained=float(apart),
         excess_kurtosis=float(stats.kurtosis(values)),
     )
 

@@ -108,6 +108,10 @@ class Sum(Excitation):
         return None if any(part is None for part in densities) else np.sum(densities, axis=0)
 
     @property
+    def longest_run(self) -> float:
+        return min(part.longest_run for part in self.parts)
+
+    @property
     def drifts(self) -> bool:
         return any(part.drifts for part in self.parts)
 

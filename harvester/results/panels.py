@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.formatting import engineering
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -164,17 +166,20 @@ def set_title(figure: Figure, title: str) -> None:
 
 
 def thin_ticks(axes: Axes) -> None:
-    """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5."""
+    """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5.
+
+    The values on an x axis belong to components: 20k, 10u.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    for axis in (axes.xaxis, axes.yaxis):
+    for axis, text in ((axes.xaxis, engineering), (axes.yaxis, _tick)):
         if axis.get_scale() != "log":
             continue
         low, high = axis.get_view_interval()
         axis.set_minor_formatter(NullFormatter())
         if high < FEW_DECADES * low:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
+            axis.set_major_formatter(FuncFormatter(lambda x, _, text=text: text(x)))
 
 
 def _tick(value):

@@ -41,11 +41,13 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     if ratio > 0.0:
         parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
     transducer: Any = scene.transducer
+    matched = "the winding's"
     if getattr(transducer, "capacitance", None):
+        matched = "1/(ω Cp) ="
         coupling = transducer.coupling**2 / (stiffness * transducer.capacitance)
         parts.append(f"k² = {coupling:.3g}")
-    matched = transducer.matched_resistance(rate)
-    return (f"{', '.join(parts)}, matched load about {quantity(matched, 'Ω', 3)}",)
+    resistance = quantity(transducer.matched_resistance(rate), "Ω", 3)
+    return (f"{', '.join(parts)}, matched load without coupling {matched} {resistance}",)
 
 
 def _wells(scene):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from typing import Any, ClassVar
 
-from harvester.base.formatting import quantity
+from harvester.base.formatting import engineering, quantity
 from harvester.base.registry import Registry
 from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
@@ -256,10 +256,13 @@ def key_words(dotted: str, units: str) -> tuple[str, str]:
 
 
 def value_words(dotted: str, value: float | str, units: str) -> str:
-    """A value of a key with its unit, such as "27.3 kΩ"; texts are returned unchanged."""
+    """A value of a key with its unit, such as "27.3 kΩ", or "10u" without; texts are unchanged."""
     if isinstance(value, str):
         return value
-    return quantity(value, key_words(dotted, units)[1], 6)
+    unit = key_words(dotted, units)[1]
+    if dotted.startswith("load.parameters.") and not unit:
+        return engineering(value)
+    return quantity(value, unit, 6)
 
 
 def key_label(dotted: str, units: str) -> str:

@@ -48,7 +48,7 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
         share, origin = 1.0 - max(load.estimate, 0.0) / power, "within the load"
     else:
         return ""
-    return f"{share:.2g} of the output power comes from {origin}, not from the device"
+    return f"{100.0 * share:.2g} % of the output power comes from {origin}, not from the device"
 
 
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:

@@ -240,12 +240,16 @@ def _with_lengths(scene, moments, whole, memory):
     duration = duration_for_error(series, scene.run.duration, memory)
     if period and not scene.excitation.random:
         duration = FEWEST_PERIODS * period
-    if duration <= scene.run.duration:  # e.g. too few jumps rather than periods
+    run, longest = scene.run, scene.excitation.longest_run
+    if duration <= run.duration and math.isinf(longest):  # e.g. too few jumps rather than periods
         return whole
     note = f"too short for an error bar: set run.duration = {number(duration, 2)} or more"
-    if scene.excitation.kind == "record" and not period:
-        note = f"too short for an error bar: a record of {number(duration, 2)} s or more has one"
-        if duration > LONGEST_ADVICE * scene.run.duration:
+    if duration <= run.duration:
+        note = f"too short for an error bar: {scene.excitation.longer_run(run)}"
+    elif run.settle + duration > longest:
+        length = number(run.settle + duration, 2)
+        note = f"too short for an error bar: a record of {length} s or more has one"
+        if duration > LONGEST_ADVICE * run.duration:
             note = "too short for an error bar: it changes slowly over the whole measured time"
     return {
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate

@@ -131,7 +131,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 def longer_runs(scene: Scene) -> str:
     """Advice for results whose differences do not exceed their errors."""
-    return f"raise run.duration = {scene.run.duration:g} (four times as long halves the errors)"
+    return f"{scene.excitation.longer_run(scene.run)} (four times as long halves the errors)"
 
 
 def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:

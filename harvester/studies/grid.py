@@ -123,12 +123,13 @@ def make_grid(
     netlists = ", ".join(label for label in labels if loaded[label].load.netlist)
     if RESISTANCES[1] in sweeps and netlists:
         notes += (f"{RESISTANCES[1]} sets {RESISTANCES[0]} of {netlists}",)
-    points = _on_common_knots(points)
+    # One spacing of knots for the scene too, which keeps its own load and values.
+    given, *points = _on_common_knots([GridPoint("", (), scene), *points])
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)
         for key, values in sweeps.items()
     }
-    return Grid(points[0].scene, labels, swept, tuple(points), notes)
+    return Grid(given.scene, labels, swept, tuple(points), notes)
 
 
 def _is_path(load):
@@ -148,7 +149,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
     loads = (loaded_scene.load for loaded_scene in loaded.values())
     parameters = [name for load in loads if load.netlist for name in load.circuit.values]
     parameter_keys = (f"load.parameters.{name}" for name in parameters)
-    number_keys = [*dict.fromkeys((*numbers(scene), RESISTANCES[0], *parameter_keys))]
+    number_keys = [*dict.fromkeys((*numbers(scene), *parameter_keys))]
     option = "--over" if any_key else "--sweep"
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in all_keys()):

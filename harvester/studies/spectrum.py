@@ -109,6 +109,8 @@ def _analysed(
 
     `profiled` has the basis of the specification, if it is available without the values.
     """
+    from scipy.integrate import cumulative_trapezoid
+
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
     if not density.max() > 0.0:
@@ -124,6 +126,9 @@ def _analysed(
     fine, values, bandwidth = profiled
     centre, width = _resonance(scene) or (0.0, 0.0)
     quality = min(QUALITY, centre / width) if width > 0.0 else QUALITY
+    # A line near the band must not leak into it, so that the share is of the finer density.
+    gathered = cumulative_trapezoid(values, fine, initial=0.0) / np.trapezoid(values, fine)
+    low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], fine, gathered)
     points, departure = profile(fine, values, breakpoints, bandwidth, quality)
     return SpectrumAnalysis(
         name=name,
@@ -139,6 +144,8 @@ def _analysed(
         quality=quality,
         departure=departure,
         resolved_from=BINS_OF_WIDTH * quality * bandwidth,
+        band_share=float(high - low),
+        band_resolution=bandwidth,
     )
 
 
@@ -327,6 +334,10 @@ class SpectrumAnalysis(ResultBase):
         Lowest frequency at which the profile resolves such a device (Hz).
     quality
         Quality factor of that device: the scene's, at most 100.
+    band_share
+        Share of the power within the half-power width of the scene's device.
+    band_resolution
+        Bandwidth of the density that this share is of (Hz).
     """
 
     name: str
@@ -342,6 +353,8 @@ class SpectrumAnalysis(ResultBase):
     departure: tuple[float, float] = field(repr=False)
     resolved_from: float = field(repr=False)
     quality: float = QUALITY
+    band_share: float = 0.0
+    band_resolution: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -423,13 +436,7 @@ class SpectrumAnalysis(ResultBase):
     def device_band(self) -> tuple[float, float, float] | None:
         """Frequency and half-power width of the device (Hz), and the share of the power in it."""
         resonance = _resonance(self.scene)
-        if resonance is None:
-            return None
-        centre, width = resonance
-        edges = np.append(self.frequencies - 0.5 * self._bin, self.frequencies[-1])
-        gathered = np.append(0.0, np.cumsum(self.density)) / self.density.sum()
-        low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], edges, gathered)
-        return centre, width, float(high - low)
+        return resonance and (*resonance, self.band_share)
 
     def view(self) -> View:
         """Table, findings and pictures."""
@@ -469,6 +476,8 @@ class SpectrumAnalysis(ResultBase):
         if device:
             centre, width, share = device
             band = f"{centre:.4g} ± {0.5 * width:.2g} Hz: {share:.2%} of the power"
+            if BINS_OF_WIDTH * self.band_resolution > width:
+                band += f", lines within {self.band_resolution:.3g} Hz of it included"
             rows.append(["device's open-circuit resonance ± half bandwidth", band])
         return ["", "quantity", "value"], [["", *row] for row in rows]
 

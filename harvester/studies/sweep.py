@@ -345,7 +345,7 @@ def _draw(sweep):
         for other in itertools.product(*other_axes)
     ]
     title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
-    return draw_panels(panels, title)
+    return draw_panels(panels, title, sharey=len(sweep.quantities) == 1)
 
 
 def _panel(sweep, name, along, other):
@@ -357,7 +357,8 @@ def _panel(sweep, name, along, other):
         rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
     held = [axis for axis in keys if axis != key]
     words = [
-        f"{axis} = {in_words(sweep.values[axis][k])}" for axis, k in zip(held, other, strict=True)
+        f"{axis} = {value_words(axis, sweep.values[axis][k], sweep.scene.units)}"
+        for axis, k in zip(held, other, strict=True)
     ]
     means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
     unit = unit_of(sweep.scene, means[0].dimension) if means else ""

@@ -207,8 +207,11 @@ def words(part: Part) -> list[str]:
         beside = [pair for pair in zip(names, part.beside, strict=False) if pair[1] != part.ends[1]]
         lines = [*(f"{name}: {node}" for name, node in beside), value.split()[0]]
     elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
-        # One line per node on which a behavioural source depends.
-        lines = [f"{'and' if index else 'of'} {node}" for index, node in enumerate(control)]
+        # The nodes on which a behavioural source depends, in two lines: a third would reach the
+        # name of the rail below.
+        half = (len(control) + 1) // 2
+        pairs = zip(("of", "and"), (control[:half], control[half:]), strict=True)
+        lines = [f"{word} {', '.join(nodes)}" for word, nodes in pairs if nodes]
     elif part.letter in "egs":
         voltage = f"v({', '.join(control)})"
         lines = [f"{value} · {voltage}" if value and part.letter in "eg" else voltage]

@@ -267,7 +267,9 @@ class Comparison(ResultBase):
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
         if len(unsharp) == len(sigmas):
-            remedy = "raise run.duration or run.realizations"
+            excitation = self.scene.excitation
+            remedy = excitation.longer_run(self.scene.run)
+            remedy += " or run.realizations" * excitation.random
             return Verdict(
                 "Circuit and Monte Carlo cannot be cross-checked: every difference is "
                 f"{NOT_SHARP}; {remedy}.",

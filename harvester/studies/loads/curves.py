@@ -18,6 +18,7 @@ from harvester.statistics.estimate import RESOLVED_SHARE
 # Half width of an interval, in standard errors.
 INTERVAL = 2.0
 EDGE = "at the edge of the sweep: no interval"
+NO_ERROR = "no error bar: the interval is not known"
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,13 @@ def optimum_of(
     """The maximum of a curve, from a parabola through ln P at its highest point and neighbours.
 
     The interval is ± two paired standard errors. It is widened by the distance to the maximum of a
-    parabola through P itself, as an estimate of the model error. It also includes all points that
-    are not lower than the highest by two paired standard errors.
+    parabola through P itself, as an estimate of the model error, and by the maxima of other curves
+    through five points (`_maxima`). It also includes all points that are not lower than the
+    highest by two paired standard errors.
 
     Parameters
     ----------
-    places
+    positions
         Swept values, increasing; the fit uses their logarithms if all are > 0.
     powers
         NaN for missing values.
@@ -94,11 +96,17 @@ def optimum_of(
     error: float | None = 0.0
     if runs_near[0] is not None:
         error = error_of_sum(gradient, [runs / runs.mean() for runs in runs_near])
-    if error is None:
-        return CurveOptimum(best, note="too few realizations for an interval")
-    low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
+    convert = np.exp if logarithmic else float
+    falls = {k: _falls(series, k, best) for k in range(len(positions)) if k != best}
+    # Beyond a point that is lower the curve falls further: the errors there do not matter.
+    sides = (range(best - 1, -1, -1), range(best + 1, len(positions)))
+    ends = [next((falls[k] for k in side if falls[k] is not False), False) for side in sides]
+    if error is None or None in ends:
+        return CurveOptimum(best, float(convert(vertex)), note=NO_ERROR)
+    maxima = _maxima(axis, heights, best, vertex)
+    low, high = min(maxima) - INTERVAL * error - shape, max(maxima) + INTERVAL * error + shape
     note = ""
-    rivals = [k for k in range(len(positions)) if k != best and _no_lower(series, k, best)]
+    rivals = [k for k, falls_to in falls.items() if falls_to is False]
     if rivals:
         rivals.append(best)
         low, high = min(low, axis[min(rivals)]), max(high, axis[max(rivals)])
@@ -106,7 +114,6 @@ def optimum_of(
     if low <= axis[0] or high >= axis[-1]:
         note = "flat within the noise to the edge of the sweep"
     low, high = max(low, axis[0]), min(high, axis[-1])
-    convert = np.exp if logarithmic else float
     vertex, low, high = (float(convert(coordinate)) for coordinate in (vertex, low, high))
     return CurveOptimum(best, vertex, low, high, note)
 
@@ -186,9 +193,38 @@ def _vertex(x, y):
     return extremum, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
 
 
-def _no_lower(series, index, best):
-    """Whether a point is within two paired standard errors of the highest."""
+def _maxima(axis, heights, best, vertex):
+    """Positions of the maximum of ln P by the parabola, the quartic and a kink beside `best`.
+
+    The quartic and the kink need five points. A kink bends the curve at one point alone: it is
+    where the straight lines through the two points on its left and the two on its right meet. If
+    a neighbour's curvature is half of that at `best` or more, the curve is smooth; between a
+    quarter and a half the kink's position moves to the vertex of the parabola.
+    """
+    x, y = (values[max(best - 2, 0) : best + 3] for values in (axis, heights))
+    if len(x) < 5 or not (y > 0.0).all():
+        return [vertex]
+    slopes = np.diff(np.log(y)) / np.diff(x)
+    bends = np.diff(slopes) / (x[2:] - x[:-2])
+    sharp = np.clip(2.0 - 4.0 * max(bends[0], bends[2]) / bends[1], 0.0, 1.0)
+    fine = np.linspace(x[1], x[3], 2001)
+    maxima = [vertex, fine[np.argmax(np.polynomial.Polynomial.fit(x, np.log(y), 4)(fine))]]
+    for k in (1, 2):  # between the points k and k + 1
+        left, across, right = slopes[k - 1 : k + 2]
+        if left >= across >= right and left > right:
+            kink = x[k] + (x[k + 1] - x[k]) * (across - right) / (left - right)
+            maxima.append(vertex + sharp * (kink - vertex))
+    return maxima
+
+
+def _falls(series, index, best):
+    """Whether a point is lower than the highest by two paired standard errors, or None.
+
+    None: their difference has no standard error.
+    """
     if series[index] is None or series[best] is None:
-        return False
+        return True
     error = error_of_sum((1.0, -1.0), (series[best], series[index]))
-    return error is None or series[best].mean() - series[index].mean() < INTERVAL * error
+    if error is None:
+        return None
+    return bool(series[best].mean() - series[index].mean() >= INTERVAL * error)

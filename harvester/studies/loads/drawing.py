@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP*X"
+# Size of the ring around a point without an error bar.
+RING = 9.0
 # Half length of an error bar, in standard errors.
 BARS = 2.0
 # Efficiency in figure and table: the first for a load with an output, else the second.
@@ -92,27 +94,36 @@ def _draw(study, label, value, draw_extra):
     """Draw a panel for each point of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
     positions = np.array(study.grid.sweeps[key] if key else (0.0,))
-    panels = [
-        Panel(
-            x_label=key_label(key, study.scene.units) if key else "",
-            y_label=label,
-            series=_curves(study, other, positions, value),
-            title=words,
-            log_x=is_wide(positions),
-            from_zero=True,
-            more=partial(_finish, study, other, draw_extra),
+    panels = []
+    for other, words in study.others():
+        curves = _curves(study, other, positions, value)
+        panels.append(
+            Panel(
+                x_label=key_label(key, study.scene.units) if key else "",
+                y_label=label,
+                series=curves,
+                title=words,
+                log_x=is_wide(positions),
+                from_zero=True,
+                more=partial(_finish, study, other, draw_extra, curves),
+            )
         )
-        for other, words in study.others()
-    ]
     return draw_panels(
         panels,
         f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
         "bars: two standard errors",
+        sharey=True,
     )
 
 
-def _finish(study, other, draw_extra, axes):
-    """Finish the axes: label the loads if nothing is swept, and call `more` to add drawings."""
+def _finish(study, other, draw_extra, curves, axes):
+    """Label the loads if nothing is swept, ring points without an error bar, and draw more."""
+    for curve in curves:
+        bare = np.isnan(curve.bars)
+        if bare.any():
+            x, y = np.array(curve.x)[bare], np.array(curve.y)[bare]
+            axes.plot(x, y, "o", color=curve.colour, mfc="none", ms=RING)
+            axes.plot([], [], "o", color="0.3", mfc="none", ms=RING, label="ring: no error bar")
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
@@ -141,7 +152,7 @@ def _curves(study, other, positions, value):
                 label=study.grid.loads[k],
                 colour=colour,
                 marker=marker,
-                bars=[0.0 if error is None else BARS * error for error in errors],
+                bars=[math.nan if error is None else BARS * error for error in errors],
                 hollow=[bool(unranked) for _, _, unranked in means],
             )
         )

@@ -32,12 +32,11 @@ from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
-from harvester.statistics.estimate import NO_OUTPUT, ROUNDED_OFF, TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
-from harvester.statistics.output_side import USED, step_sizes
+from harvester.statistics.output_side import USED
 from harvester.statistics.paired import sums
 from harvester.statistics.passivity import SUPPLIED, fed_by_stores
-from harvester.statistics.run_estimates import run_estimates, with_steps
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
 
@@ -159,7 +158,7 @@ def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
 
     Parameters
     ----------
-    good
+    answers
         Answers of the point's tasks, in the order of their realizations.
     ended
         Reason why later answers are missing; "" if none are.
@@ -176,27 +175,21 @@ def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
     prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, answers, cost)
-    scene, run = prepared_scene.scene, run_estimates(prepared_scene, moments, cost)
+    run = run_estimates(prepared_scene, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
     series = power_series(run.moments, scales.power)
-    error = run.error(series)
     name = "mean_output_power" if moments[0].has_output else "mean_power"
-    why = "" if error is not None else run.whole[name].note or TOO_SHORT
-    power = Estimate(float(series.mean()), error, None, "power", why)
-    if run.whole[name].note in (NO_OUTPUT, ROUNDED_OFF):
-        power = run.whole[name]
-    else:
-        size = step_sizes(run.whole).get(name)
-        size = None if size is None else size * scales.power
-        power = with_steps(scene, power, run.path_error, size=size)
-    reason = (f"output power: {why}",) if why and not run.shortfalls else ()
+    estimates = in_units(run.whole, scales)
+    power = estimates[name]
+    estimates = withheld({**estimates, POWER: power}, run.shortfalls)
+    estimates[name] = estimates[POWER]
+    why = power.note if power.standard_error is None and not run.shortfalls else ""
+    reason = (f"output power: {why}",) if why else ()
     notes = (*on_orbits, *run.notes, *residual_notes(run.residual), *reason)
     outcome = "; ".join([COMPLETE, *notes])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    estimates = in_units(run.whole, scales)
-    estimates[POWER] = power
     waveform = answers[0]["waveform"]
     if waveform is not None:
         factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
@@ -204,7 +197,7 @@ def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
     return Evaluation(
         method=method,
         outcome=outcome,
-        estimates=withheld(estimates, run.shortfalls),
+        estimates=estimates,
         series=series,
         realizations=len(moments),
         orbits=orbits,

@@ -63,8 +63,12 @@ DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
     "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
-    "neighbours; interval: of that maximum, 95 %"
+    "neighbours; interval: of that maximum, 95 %, with those of other curves through five points"
 )
+# Most curves that a headline names as equal to the highest.
+MOST_NAMED = 3
+EQUAL = "not significantly more than from"
+UNKNOWN = "by a lead without an error bar over"
 # Share of the time budget reserved for the cross-check with the circuit.
 PROOF_SHARE = 0.2
 
@@ -177,18 +181,35 @@ class LoadStudy(ResultBase):
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
         """(order, differences) at each point of the other sweeps."""
         loads = self.grid.loads
-        rankings = {}
-        for other in np.ndindex(self.optima.shape[1:]):
-            best_points = ((load, self.best((k, *other))) for k, load in enumerate(loads))
-            best = {load: e for load, e in best_points if e}
-            powers = {load: e.power for load, e in best.items()}
-            # Without chance a power has no statistical error, though its batches may be few.
-            exact = not self.scene.excitation.random and any(
-                math.isnan(e.power_error) for e in best.values()
-            )
-            series = {load: None if exact else e.series for load, e in best.items()}
-            rankings[other] = rank(powers, series)
-        return rankings
+        return {
+            other: self._ranked({load: (k, *other) for k, load in enumerate(loads)})
+            for other in np.ndindex(self.optima.shape[1:])
+        }
+
+    @cached_property
+    def ranked_curves(self) -> tuple[list[str], list[Difference]]:
+        """(order, differences) of all curves, named by their load and values of other sweeps."""
+        return self._ranked(self._curve_names)
+
+    @cached_property
+    def _curve_names(self):
+        """The curves: their names, and where they are in `curves`."""
+        return {
+            f"{load} at {words}" if words else load: (k, *other)
+            for other, words in self.others()
+            for k, load in enumerate(self.grid.loads)
+        }
+
+    def _ranked(self, curves):
+        """(order, differences) of curves, which are given by name, at their optima."""
+        best = {name: e for name, where in curves.items() if (e := self.best(where))}
+        powers = {name: e.power for name, e in best.items()}
+        # Without chance a power has no statistical error, though its batches may be few.
+        exact = not self.scene.excitation.random and any(
+            math.isnan(e.power_error) for e in best.values()
+        )
+        series = {name: None if exact else e.series for name, e in best.items()}
+        return rank(powers, series)
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Yield the points of the other sweeps with their values as text, "" if there are none."""
@@ -247,11 +268,10 @@ class LoadStudy(ResultBase):
                 else "no error bar"
             )
             notes.append(precision + f", not the requested {asked:.1%}" * (not reached <= asked))
-        inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
             quantity(self.grid.sweeps[key][index], unit) if key else "",
-            quantity(optimum.place, unit) if inside else NOT_KNOWN,
+            quantity(optimum.place, unit) if math.isfinite(optimum.place) else NOT_KNOWN,
             span(optimum.low, optimum.high, unit),
             with_error(best.estimates["output_power"], self.unit),
             share_with_error(efficiency, sign=False) if efficiency else NOT_KNOWN,
@@ -273,8 +293,8 @@ class LoadStudy(ResultBase):
         ]
 
     def _value(self, key, value):
-        words, unit = key_words(key, self.scene.units)
-        return f"{words} = {quantity(value, unit)}"
+        words = key_words(key, self.scene.units)[0]
+        return f"{words} = {value_words(key, value, self.scene.units)}"
 
     def _findings(self) -> list[str]:
         """Sentences on the ranking, the precision, the outcome and the computing time."""
@@ -348,21 +368,24 @@ class LoadStudy(ResultBase):
         return ", ".join(value_words(key, value, self.scene.units) for key, value in values)
 
     def _headline(self) -> str:
-        """The best load with its power and optimum."""
-        best = [
-            (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
-        ]
-        best = [pair for pair in best if "output_power" in pair[1].estimates]
-        if not best:
+        """The best load with its power and optimum, and equal ones."""
+        order, differences = self.ranked_curves
+        if not order:
             return "no load has an output power"
-        where, top = max(best, key=lambda pair: pair[1].power)
+        where: Any = self._curve_names[order[0]]
+        top: Any = self.best(where)
         key, index = self.curve_keys[0], self.optima[where][1]
-        at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
+        values = [self._value(key, self.grid.sweeps[key][index])] if key else []
+        values += filter(None, [dict(self.others())[where[1:]]])
+        at = f" at {', '.join(values)}" if values else ""
         power = with_error(top.estimates["output_power"], self.unit)
-        load = self.grid.loads[where[0]]
-        equal = [d.worse for d in self.rankings[where[1:]][1] if d.better == load and not d.differs]
-        as_much = f", not significantly more than from {' and '.join(equal)}" if equal else ""
-        return f"most power: {power} from {load}{at}{as_much}"
+        text = f"most power: {power} from {self.grid.loads[where[0]]}{at}"
+        leads = [d for d in differences if d.better == order[0] and not d.differs]
+        for unknown, words in enumerate((EQUAL, UNKNOWN)):
+            names = [d.worse for d in leads if math.isnan(d.standard_error) == unknown]
+            names[MOST_NAMED:] = [f"{len(names) - MOST_NAMED} more"] * (len(names) > MOST_NAMED)
+            text += f", {words} {' and '.join(names)}" if names else ""
+        return text
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and one row per point: load, swept values, all quantities with their errors.

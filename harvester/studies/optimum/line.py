@@ -247,6 +247,7 @@ class Search:
             self._refuse_flat(
                 (centre, half),
                 answers,
+                fit,
                 f"is the same within its errors from {self.axis.value(centre - half):.4g} to "
                 f"{self.axis.value(centre + half):.4g} by {self.method.name}",
                 "choose another range or parameter",
@@ -271,12 +272,13 @@ class Search:
         self._refuse_flat(
             (centre, half),
             answers,
+            fit,
             f"is flat from {location:.4g} to {end:.4g} by {self.method.name}, within errors or "
             f"{STANDS_OUT:.1%}",
             "a maximum beyond this plateau needs another range (--from, --to)",
         )
 
-    def _refuse_flat(self, window, answers, flat, otherwise):
+    def _refuse_flat(self, window, answers, fit, flat, otherwise):
         """Raise OptimumError if no differences are significant; say if all values are 0."""
         values = [answer.in_units()[self.quantity] for answer in answers]
         unit = unit_of(self.scene, values[0].dimension)
@@ -284,6 +286,9 @@ class Search:
             f"{with_error(value, unit)} at {self.axis.value(coordinate):.4g}"
             for value, coordinate in zip(values, _spread(*window), strict=True)
         )
+        if fit.unknown:
+            flat = "has differences without an error bar, so that its maximum is not known"
+            otherwise = "compare the values by harvester sweep"
         advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
             advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
@@ -356,6 +361,8 @@ class CubicFit:
         the maximum; 0: there is none.
     noisy_ends
         Whether longer runs could make this fall significant.
+    unknown
+        Whether an error that decides on the maximum is not known.
     """
 
     def __init__(
@@ -374,6 +381,7 @@ class CubicFit:
         noise = np.tensordot(solve, series, 1)
         slope_error, curve_error = error_of(noise[1]), error_of(noise[2])
         self.slope = float(c1)
+        self.unknown = None in (slope_error, curve_error)
         self.sloped = slope_error is not None and abs(c1) > SIGNIFICANT_SIGMAS * slope_error
         inside = c2 * c2 - 3.0 * c1 * c3
         bent = curve_error is not None and c2 < -SIGNIFICANT_SIGMAS * curve_error
@@ -414,6 +422,7 @@ class CubicFit:
         for end in (0, -1):
             fall = values[nearest] - values[end]
             error = self._error_of(series[nearest] - series[end])
+            self.unknown |= error is None
             if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
                 self.flat_to = int(np.sign(positions[end]))
                 self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

@@ -368,7 +368,7 @@ def _draw(optimum):
     panels = [_panel(optimum, parameter) for parameter in optimum.parameters]
     title = (
         f"{optimum.scene.name}: {len(optimum.searched)} points searched, by {optimum.method} "
-        "(bars: two standard errors)"
+        "(bars: two standard errors; hollow: none)"
     )
     return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
 
@@ -380,6 +380,10 @@ def _panel(optimum, parameter):
     searched = [value.times(factor) for _, value in optimum.searched]
     values = [value.estimate for value in searched]
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
+    bare = [value.standard_error is None for value in searched]
+    points = Series(
+        coordinates, values, "searched", SEARCHED, "", "o", bars=bars, hollow=bare, size=3.0
+    )
     top = optimum.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
     maximum = Series(
@@ -395,7 +399,7 @@ def _panel(optimum, parameter):
     return Panel(
         x_label=key_label(key, optimum.scene.units),
         y_label=f"{optimum.quantity.replace('_', ' ')} [{unit or '1'}]",
-        series=[Series(coordinates, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        series=[points, maximum],
         log_x=parameter.axis.logarithmic,
         more=partial(_draw_bounds, optimum, parameter, factor),
     )

@@ -196,7 +196,7 @@ class Residence(ResultBase):
         if without_error:
             lines.append(
                 f"{len(without_error)} of {len(self.stays)} have no error bar, with fewer than "
-                f"{FEWEST_STAYS} stays: raise run.duration = {self.scene.run.duration:g}"
+                f"{FEWEST_STAYS} stays: {self.scene.excitation.longer_run(self.scene.run)}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
@@ -204,7 +204,7 @@ class Residence(ResultBase):
             lines.append(
                 f"{len(missed)} of {len(self.stays)} do not have the precision of "
                 f"{self.precision:.2g} with {2**MOST_DOUBLINGS} times the scene's realizations: "
-                f"raise run.duration = {self.scene.run.duration:g} or run.realizations = "
+                f"{self.scene.excitation.longer_run(self.scene.run)} or run.realizations = "
                 f"{self.scene.run.realizations}"
             )
         longer = max(stay.longer_by_knots for stay in self.stays)
@@ -389,7 +389,8 @@ def _draw(residence):
         label = (
             f"well at {residence.sign}{quantity(well, unit_of(residence.scene, 'displacement'))}"
         )
-        series.append(Series(x, y, label, colour, "", "o", bars=bars))
+        bare = [stay.standard_error is None for stay in some]
+        series.append(Series(x, y, label, colour, "", "o", bars=bars, hollow=bare))
         with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
         if with_formula:
             x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
@@ -397,7 +398,7 @@ def _draw(residence):
     values = [stay.value for stay in residence.stays]
     label = key_label(residence.key, residence.scene.units)
     panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
-    title = f"{residence.scene.name}: mean time in a well (bars: two standard errors)"
+    title = f"{residence.scene.name}: mean time in a well (bars: two standard errors; hollow: none)"
     return draw_panels([panel], title, size=(4.0, 3.0))
 
 

@@ -59,6 +59,11 @@ def test_the_last_report_is_said_again_as_long_as_there_is_no_other(monkeypatch,
     ]
 
 
+def test_a_stage_without_words_has_no_colon(monkeypatch, capsys):
+    (line,) = lines_of("load study", 6, {2: (0.0, "")}, monkeypatch, capsys)
+    assert line == f"load study: after 5 s, {console.STARTING}"
+
+
 def test_a_thread_says_it(monkeypatch, capsys):
     monkeypatch.setattr(console, "SAY_AFTER_SECONDS", 0.01)
     said = console.threading.Event()

@@ -4,13 +4,15 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat, records_of
 
-from harvester.base.errors import SceneError
+from harvester.averaging.of_scene import average
+from harvester.base.errors import AveragingError, SceneError
 from harvester.engines.simulate import simulate
 from harvester.excitation import conditioning
 from harvester.excitation import recorded as recorded_motion
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
+from harvester.studies.answers import longer_runs
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -352,3 +354,34 @@ def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():
     # From the sample after the record's last one to the first that is left as it was.
     assert (rising[0], falling[0]) == (0.0, 1.0)
     assert rising[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_no_run_longer_than_the_record_is_advised(tmp_path):
+    """Of 40 s: a run of 30 s may be longer, one that uses all of it may not, a periodic one may."""
+    path = saved(tmp_path, motion())
+    longer = "take a longer record than its 40 s"
+    for run, repetition, advice in (
+        ({}, None, "raise run.duration = 30"),
+        ({"settle": 10.0}, None, longer),
+        ({"settle": 10.0}, "periodic", "raise run.duration = 30"),
+    ):
+        scene = recorded(path, run=run, repetition=repetition)
+        assert scene.excitation.longer_run(scene.run) == advice
+    noise = {"kind": "ornstein-uhlenbeck", "intensity": 0.01, "correlation_time": 0.5}
+    tables = scene.to_tables()
+    tables["excitation"].pop("repetition")
+    tables["excitation"] = {"kind": "sum", "parts": [tables["excitation"], noise]}
+    scene = Scene.from_tables(tables, name="sum")
+    assert longer_runs(scene) == f"{longer} (four times as long halves the errors)"
+    short = recorded(path, run={"duration": 2.0, "settle": 38.0})
+    assert "raise" not in simulate(short, method="monte-carlo")["mean_power"].note
+
+
+def test_averaging_of_a_record_advises_what_applies_to_it(tmp_path):
+    scene = recorded(saved(tmp_path, motion()), "paper", unit="scaled")
+    with pytest.raises(AveragingError, match=r"simulate \(method monte-carlo\), or average a fit"):
+        average(scene, method="fokker_planck")
+    with pytest.raises(AveragingError, match=r"the spring is not linear: simulate$"):
+        average(scene, method="spectral")
+    with pytest.raises(AveragingError, match="the spring is not linear: simulate, or take the"):
+        average("paper", method="spectral")

@@ -63,6 +63,18 @@ def test_the_fit_finds_the_noise_with_errors_that_hold(tmp_path):
     assert np.all(np.abs(spread - 1.0) < 0.35)
 
 
+def test_record_and_fit_have_no_more_than_all_of_their_variance_in_common(tmp_path):
+    """A band of noise: ∫|P − S| is over twice ∫P, as the fit is high where there is none."""
+    assert fit_spectrum(recorded(tmp_path, noise(1)).excitation, 0.469).unexplained < 0.2
+    band = signal.butter(4, [2.0, 4.5], "bandpass", fs=40.0, output="sos")
+    white = np.random.default_rng(2).normal(size=24001)
+    fit = fit_spectrum(recorded(tmp_path, signal.sosfiltfilt(band, white)).excitation, 0.469)
+    assert abs(fit.density - fit.fitted).sum() > 2.0 * fit.density.sum()
+    assert 0.5 < fit.unexplained < 1.0
+    shared = f"only {1.0 - fit.unexplained:.0%} of their variance in common"
+    assert any(shared in reason for reason in fit.reasons)
+
+
 @pytest.mark.slow
 def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
     scene = recorded(tmp_path, noise(1))

@@ -9,10 +9,9 @@ from harvester.results.panels import Panel, Series, draw_panels
     ("ends", "labels"),
     [
         ((5e-3, 8e-2), ["0.005", "0.01", "0.02", "0.05"]),
-        ((2e4, 9e5), [r"$2\times10^{4}$", r"$5\times10^{4}$", r"$1\times10^{5}$",
-                      r"$2\times10^{5}$", r"$5\times10^{5}$"]),
+        ((2e4, 9e5), ["20k", "50k", "100k", "200k", "500k"]),
     ],
-)  # fmt: skip
+)
 def test_a_short_logarithmic_axis_has_a_few_labels(ends, labels):
     figure = draw_panels([Panel("x", "y", [Series(ends, (1.0, 2.0))], log_x=True)], "title")
     (axes,) = figure.axes

@@ -72,16 +72,16 @@ def test_a_source_at_a_collapsed_output_is_no_converter():
             1.0,
             -0.05,
             0.04,
-            "0.05 of the output power comes from the load's stores, not from the device",
+            "5 % of the output power comes from the load's stores, not from the device",
         ),
         # Emptied once, the scatter of batches is large.
         (
             1.0,
             -0.3,
             0.9,
-            "0.3 of the output power comes from the load's stores, not from the device",
+            "30 % of the output power comes from the load's stores, not from the device",
         ),
-        (1.0, None, None, "0.2 of the output power comes from within the load"),
+        (1.0, None, None, "20 % of the output power comes from within the load"),
         (1.25, 0.1, 0.0, ""),
     ],
 )

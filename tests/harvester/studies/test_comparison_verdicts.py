@@ -2,9 +2,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.studies.comparison.comparison import Comparison, verdicts
 
+LINEAR = Scene.read("linear")
 NAMES = {
     "mean_square_voltage": 1.0,
     "rms_voltage": 1.0,
@@ -22,6 +24,7 @@ def result(voltage=1.0, error=0.01, notes=(), **more):
         scaled_quantities={name: Estimate(v, error, None, "1", note) for name, v in values.items()},
         notes=notes,
         energy_balance_residual=0.001,
+        scene=LINEAR,
     )
 
 

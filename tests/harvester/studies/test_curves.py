@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from harvester.studies.loads.curves import EDGE, error_of_sum, optimum_of, rank
+from harvester.studies.loads.curves import EDGE, NO_ERROR, error_of_sum, optimum_of, rank
 
 PLACES = np.geomspace(1.0, 1e4, 9)
 TOP = 150.0
@@ -58,6 +58,81 @@ def test_a_flat_curve_is_said_to_be_flat():
     series[4] = series[4] + 0.02
     found = optimum_of(PLACES, [each.mean() for each in series], series)
     assert found.note.startswith("flat within the noise")
+
+
+def matched(u):
+    """ln P of a resistor R/(R + 1)², u = ln R."""
+    return -2.0 * np.log(2.0 * np.cosh(0.5 * u))
+
+
+def dropout(u):
+    """ln P of a regulator that holds its voltage from u = 0 on."""
+    return np.where(u < 0.0, 0.84 * u, -0.99 * u)
+
+
+def widths(shape, factor):
+    """Half widths in ln R without noise, and those of the parabolas alone, at 41 grid phases."""
+    for phase in np.linspace(-0.49, 0.49, 41):
+        u = math.log(factor) * (np.arange(-4, 5) + phase)
+        ends = []
+        for near in (slice(None), slice(3, 6)):  # three points show no kink
+            optimum = optimum_of(np.exp(u[near]), np.exp(shape(u[near])), [None] * len(u[near]))
+            ends.append((math.log(optimum.low), math.log(optimum.high)))
+        yield ends
+
+
+@pytest.mark.parametrize("factor", [1.2, 1.5, 2.0, 3.0])
+def test_the_interval_holds_a_kink_and_stays_narrow_on_a_smooth_curve(factor):
+    """A regulator's dropout, steep or shallow on one side, bends at one place alone."""
+    for shape in (
+        dropout,
+        lambda u: np.where(u < 0.0, u, -3.0 * u),
+        lambda u: np.where(u < 0.0, 0.1 * u, -2.0 * u),
+    ):
+        for (low, high), _ in widths(shape, factor):
+            assert low < 1e-9
+            assert high > -1e-9
+    for (low, high), (least, most) in widths(matched, factor):
+        assert low < 1e-9
+        assert high > -1e-9
+        assert high - low < most - least + 0.01
+
+
+def test_the_interval_holds_the_maximum_of_a_skewed_curve():
+    for factor in (1.5, 2.0, 3.0):
+        for (low, high), _ in widths(lambda u: 1.5 * u - np.exp(1.5 * u), factor):
+            assert low < 0.0 < high
+
+
+def test_the_interval_of_a_regulator_is_that_of_a_finer_grid():
+    """A voltage doubler with 47 µF and a regulator: 151.0 µW at 21 kΩ among steps of 0.5 kΩ."""
+    places, powers = [4e3, 8e3, 16e3, 32e3, 64e3], [38.35, 71.56, 128.25, 103.74, 52.28]
+    optimum = optimum_of(places, powers, [None] * 5)
+    assert optimum.low < 21e3 < optimum.high < 22e3
+
+
+def test_a_difference_without_an_error_bar_is_not_flat():
+    """One realization whose differences wander over its whole length."""
+    steps = np.random.default_rng(5).standard_normal((1, 64))
+    slow = np.cumsum(steps, axis=1) / 8.0
+    powers = np.array([1.0, 1.4, 1.5, 1.3, 0.9])
+    series = [power + 0.01 * k * slow for k, power in enumerate(powers)]
+    optimum = optimum_of(np.geomspace(1.0, 16.0, 5), [s.mean() for s in series], series)
+    assert optimum.note == NO_ERROR
+    assert math.isnan(optimum.low)
+    assert optimum.place > 0.0
+    # Equal neighbours leave the outer point's difference to decide how far the curve is flat.
+    noisy = np.random.default_rng(6).standard_normal((5, 1, 64))
+    powers = np.array([1.498, 1.499, 1.5, 1.499, 1.498])
+    series = [0.1 * (s - s.mean()) + power for s, power in zip(noisy, powers, strict=True)]
+    assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, series).note.startswith("flat")
+    series[4] = 1.498 + slow - slow.mean()
+    assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, series).note == NO_ERROR
+    # Far from the highest point, beyond one that is surely lower, no error is needed.
+    powers = np.array([1.0, 1.4, 1.5, 1.3, 0.9])
+    quiet = [np.full((1, 64), power) for power in powers]
+    quiet[4] = 0.9 + slow
+    assert optimum_of(np.geomspace(1.0, 16.0, 5), powers, quiet).note == ""
 
 
 def test_a_point_without_a_value_is_passed_over():

@@ -90,3 +90,19 @@ def test_points_of_a_smooth_record_keep_its_knots(device, tmp_path):
     grid = make_grid(scene, [], {"load.resistance": [1e4, 1e6]})
     assert [point.scene.load.resistance for point in grid.points] == [1e4, 1e6]
     assert all(point.scene.excitation == scene.excitation for point in grid.points)
+
+
+def test_an_unknown_key_names_only_parameters_that_the_load_has(device, tmp_path):
+    path = tmp_path / "mine.lib"
+    path.write_text(".subckt mine p n rload=1k\nR1 p n {rload}\n.ends\n")
+    with pytest.raises(HarvesterError, match=r"load\.parameters\.rload") as caught:
+        make_grid(device, [str(path)], {"rload": [1e3]})
+    assert "load.parameters.resistance" not in str(caught.value)
+
+
+def test_the_scene_of_a_grid_keeps_its_own_values(device):
+    grid = make_grid(device, ["bridge"], {RESISTANCE: [1e5, 1e6], "oscillator.mass": [0.01, 0.02]})
+    assert grid.scene.load == device.load
+    assert grid.scene.oscillator == device.oscillator
+    knots = {knot_spacing(prepared(p.scene)) for p in grid.points}
+    assert knots == {knot_spacing(prepared(grid.scene))}

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,11 @@ def test_averaging_and_simulation_together():
     assert {len(row) for row in rows} == {len(header)}
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert len(found.figure().axes) == 1
+    place, value = found.searched[0]
+    bare = replace(found, searched=[(place, replace(value, standard_error=None))])
+    lines = bare.figure().axes[0].lines
+    white = [line for line in lines if line.get_markerfacecolor() == "white"]
+    assert [list(line.get_xdata()) for line in white] == [[place["load.decay_rate"]]]
     low, high = told["simulation"]["interval"]
     assert low < told["simulation"]["place"]["estimate"] < high
 
@@ -232,6 +238,14 @@ def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
     # All places are named, with what would tell them apart.
     assert str(caught.value).count(" at ") == optimum_search.PLACES
     assert "raise run.duration = 3000" in str(caught.value)
+
+
+def test_differences_without_an_error_bar_are_not_flat(monkeypatch):
+    search = searched(lambda place: 1.0 - (place - 0.4) ** 2, 0.0, monkeypatch)
+    search._error_of = lambda series: None
+    with pytest.raises(OptimumError, match="differences without an error bar") as caught:
+        search.find(0.5)
+    assert "flat" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("own_noise", "least", "most"), [(0.5, 1.0, 1.0), (1.5, 1.2, 3.9)])

@@ -1,6 +1,7 @@
 import csv
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from harvester.results.files import save
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
+from harvester.studies.loads import drawing
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
 from harvester.studies.public import load_study
@@ -101,14 +103,17 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     assert difference.standard_error < 1e-5
     assert abs(difference.estimate) < 1e-5
     # Only a significant lead ranks: a tenth at ten standard errors, not at two.
-    for error, sign in ((0.01, ">"), (0.05, "=")):
+    for error, sign in ((0.01, ">"), (0.05, "="), (math.nan, "?")):
         lead = replace(difference, estimate=0.1, standard_error=error)
-        vars(study)["rankings"] = {(): ([lead.better, lead.worse], [lead])}
+        ranked = [lead.better, lead.worse], [lead]
+        vars(study).update(rankings={(): ranked}, ranked_curves=ranked)
         ranking, sentence = study.sentences()[:2]
         assert ranking == f"ranking at the optima: {lead.better} {sign} {lead.worse}"
         assert sentence.endswith("no significant difference") == (sign == "=")
         equal = f", not significantly more than from {lead.worse}"
         assert study.view().headline.endswith(equal) == (sign == "=")
+        unknown = f", by a lead without an error bar over {lead.worse}"
+        assert study.view().headline.endswith(unknown) == (sign == "?")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
 
@@ -389,6 +394,46 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     assert "the store cstorage (bridge.lib:28) still charges" in slow.outcome
     assert slow.estimates["output_power"].standard_error is None
     assert "still charges" in slow.estimates["output_power"].note
+
+
+@pytest.mark.slow
+def test_the_output_power_has_one_error(pool):
+    """The memory of the load's store is in that of both names."""
+    scene = Scene.read("device").replace({"run.duration": 8.0, "run.settle": 2.0})
+    scene = scene.replace({"run.realizations": 8, "load.netlist": "bridge"})
+    over = {"load.parameters.storage": [1e-7, 4e-7]}
+    for point in load_study(scene, over=over, method="monte-carlo", executor=pool).evaluations:
+        power = point.estimates["output_power"]
+        assert power.standard_error > 0.0
+        assert power == point.estimates["mean_output_power"]
+        assert power.standard_error == point.power_error
+
+
+@pytest.mark.slow
+def test_the_headline_names_all_swept_values_and_equal_ones(linear, pool):
+    """A cubic stiffness of 1e-9 changes no power."""
+    over = {RESISTANCE: [0.3, 0.5, 1.0], "oscillator.cubic_stiffness": [0.0, 1e-9]}
+    found = load_study(linear, over=over, method="monte-carlo", precision=0.3, executor=pool)
+    (load, *_), (difference,) = found.ranked_curves
+    assert difference.better == load
+    assert not difference.differs
+    said = found.headline()
+    assert re.search(r"from scene at load resistance = [\d.]+, cubic stiffness = ", said)
+    assert ", not significantly more than from scene at cubic stiffness = " in said
+    # The scene of the report keeps the user's load.
+    assert found.scene.load == linear.load != found.grid.points[0].scene.load
+
+
+def test_points_without_an_error_bar_have_a_ring(study):
+    bare = replace(study.evaluations[2].estimates["output_power"], standard_error=None)
+    evaluations = list(study.evaluations)
+    evaluations[2] = replace(evaluations[2], estimates={"output_power": bare})
+    (axes,) = replace(study, evaluations=evaluations).figure("power").axes
+    rings = [line for line in axes.lines if line.get_markersize() == drawing.RING]
+    assert [list(line.get_xdata()) for line in rings] == [[study.grid.sweeps[RESISTANCE][2]], []]
+    assert rings[-1].get_label() == "ring: no error bar"
+    (axes,) = study.figure("power").axes
+    assert not any(line.get_label() == "ring: no error bar" for line in axes.lines)
 
 
 def test_its_files_hold_what_it_found(study, tmp_path):

@@ -42,6 +42,7 @@ KINDS = {
     "current by current": ("F1 u d V0 2", "SourceControlledI", ["F1", "2", "i(V0)"]),
     "voltage by current": ("H1 u d V0 2", "SourceControlledV", ["H1", "2", "i(V0)"]),
     "behavioural current": ("B1 u d I=v(a)", "SourceControlledI", ["B1", "of a"]),
+    "of three nodes": ("B1 u d I=v(a,b)*v(c)", "SourceControlledI", ["B1", "of a, b", "and c"]),
     "behavioural voltage": ("B1 u d V=v(a)", "SourceControlledV", ["B1", "of a"]),
     "switch": ("S1 u d a b s", "Switch", ["S1", "v(a, b)"]),
     "n-channel MOSFET": ("M1 u g d d n W=1u", "NFet2", ["M1", "gate: g", "n"]),

@@ -32,6 +32,17 @@ def test_a_precision_that_was_given_is_not_asked_for(precision):
     assert "raise run.duration = " in text
 
 
+def test_a_time_without_an_error_bar_is_hollow():
+    stays = [
+        ResidenceTime(d, 1.0, 5.0, error, 30, 15.0, None, "")
+        for d, error in ((0.1, None), (0.2, 0.5))
+    ]
+    residence = Residence(Scene.read("duffing"), "excitation.intensity", stays, "", "", 0.0, None)
+    (axes,) = residence.figure().axes
+    white = [line for line in axes.lines if line.get_markerfacecolor() == "white"]
+    assert [list(line.get_xdata()) for line in white] == [[0.1]]
+
+
 def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
     """Stays that end at random: 400 runs of some 80 stays.
 
