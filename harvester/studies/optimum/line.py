@@ -381,7 +381,7 @@ class CubicFit:
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
-            # The maximum t satisfies c1 + 2 c2 t + 3 c3 t² = 0.
+            # −2 times the change of t by the noise, since c1 + 2 c2 t + 3 c3 t² = 0.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
             self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
