@@ -209,7 +209,7 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
     lost = np.where(np.arange(samples.size) % 5 == 2, np.nan, samples)
     for values in (clipped, lost):
         for mend in ([], ["nan", "clipped"]):
-            with pytest.raises(SceneError, match="more than 10% cannot be mended"):
+            with pytest.raises(SceneError, match="more than 10% cannot be repaired"):
                 recorded(saved(tmp_path, values), mend=mend)
 
 

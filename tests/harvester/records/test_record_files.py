@@ -512,7 +512,7 @@ def test_gaps_of_the_times_are_bridged_up_to_a_tenth_and_named(tmp_path):
         far = TIMES + np.where(TIMES > 0.8, gap, 0.0)
         path = written(tmp_path, ONE, rows(far))
         for mend in ([], ["uneven"]):
-            refused(path, "cannot be mended", "after t = 0.8 s", mend=mend)
+            refused(path, "cannot be repaired", "after t = 0.8 s", mend=mend)
     assert_read(written(tmp_path, ONE, rows(TIMES[50:], MOTION[50:])), tolerance=9.0)
 
 
