@@ -152,7 +152,7 @@ def _marker_remarks(columns):
     """A remark on each column with markers such as -9999 or a saturation value."""
     remarks = {name: marker_remark(values) for name, values in columns.items()}
     return tuple(
-        f"{name}: {remark}, which are used as measured values: cut the record there"
+        f"{name}: {remark}; they are used as measured values: cut the record there"
         for name, remark in remarks.items()
         if remark
     )

@@ -58,9 +58,9 @@ def without_markers(
         return values, ()
     if "nan" not in mend:
         return values, (
-            f'{remark}, and taken as acceleration: excitation.mend = ["nan"] takes such for gaps',
+            f'{remark}; they are used unless excitation.mend = ["nan"] treats them as gaps',
         )
-    return np.where(outliers(values), np.nan, values), (f"{remark}: taken for gaps",)
+    return np.where(outliers(values), np.nan, values), (f"{remark}: treated as gaps",)
 
 
 def marker_remark(values: np.ndarray) -> str:

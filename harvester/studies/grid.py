@@ -180,7 +180,7 @@ def _check_shared(where, key, value, loaded):
         ]
         raise HarvesterError(
             f"{where}: {', '.join(having)} {'has' if len(having) == 1 else 'have'} this parameter, "
-            f"but {', '.join(lacks)} not: give it the same name in all these netlists, or study "
+            f"but not {', '.join(lacks)}: give it the same name in all these netlists, or study "
             "the loads separately"
         )
 

@@ -286,7 +286,7 @@ class Search:
         )
         advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
-            advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
+            advice = f"is 0 within its errors at all {len(values)} points, {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self, times=TIMES_REALIZATIONS):

@@ -201,7 +201,7 @@ class Sensitivity(ResultBase):
     def _on_noise(self):
         if self.indices.first is None:
             return [
-                "the scatter due to the parameters is below the runs' noise: no indices; "
+                "the parameters' scatter does not exceed the runs' noise: no indices; "
                 "request a finer precision, or raise run.duration, run.realizations or rows"
             ]
         noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
