@@ -357,7 +357,7 @@ class LoadStudy(ResultBase):
         load = self.grid.loads[where[0]]
         equal = [d.worse for d in self.rankings[where[1:]][1] if d.better == load and not d.differs]
         as_much = f", not significantly more than from {' and '.join(equal)}" if equal else ""
-        return f"most power: {power} from {load}{at}{as_much}"
+        return f"largest power: {power} from {load}{at}{as_much}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and one row per point: load, swept values, all quantities with their errors.
