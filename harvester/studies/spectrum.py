@@ -506,7 +506,8 @@ class SpectrumAnalysis(ResultBase):
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:
             lines.append(
-                f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} standard errors from 3"
+                f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} standard errors "
+                "from 3"
             )
         if self.drifts:
             lines.append(
