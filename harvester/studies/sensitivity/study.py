@@ -447,7 +447,7 @@ def draw_distribution(study: Sensitivity) -> Figure:
             fontsize=7, ha="center", va="bottom", color=COLOURS[0],
         )  # fmt: skip
     axes.axvline(
-        factor * study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself"
+        factor * study.nominal.estimate, color="0.1", linestyle=":", label="unchanged scene"
     )
     if study.yield_above is not None:
         share = study.yield_above.share
