@@ -23,8 +23,9 @@ UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
     NOT_SETTLED: "no period is repeated and neighbouring paths do not diverge; follow it longer "
     "(more periods, or run.settle)",
-    CHARGING: "a store of the load charges too slowly for the time followed; reduce its capacitance, "
-    "which mainly changes its ripple, or start within 0.1 % of its steady voltage by ic=",
+    CHARGING: "a store of the load charges too slowly for the time followed; reduce its "
+    "capacitance, which mainly changes its ripple, or start within 0.1 % of its steady voltage "
+    "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is unknown",
     DIVERGES: "the values overflow: start closer to the rest position, or choose a shorter step",
 }
