@@ -70,7 +70,7 @@ def test_storage_charges_while_the_run_settles(device):
         (["resistor", "bridge"], {"load.parameters.x": [1.0]}, "resistor.lib has no such"),
         (["bridge"], {"load.parameters.resistence": [1.0]}, "did you mean resistance"),
         (["bridg"], {}, "did you mean bridge"),
-        (["bridge", "bridge"], {}, "is there twice"),
+        (["bridge", "bridge"], {}, "occurs twice"),
         (["bridge"], {RESISTANCE: [1.0, 1.0]}, "each value once"),
     ],
 )
