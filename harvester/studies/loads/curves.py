@@ -52,9 +52,9 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the difference is significant; without error, whether it exceeds round-off."""
-        error = 0.0 if math.isnan(self.standard_error) else self.standard_error
-        return differ(self.estimate, error, negligible=RESOLVED_SHARE)
+        """Whether the lead is significant; not if its error is unknown."""
+        known = not math.isnan(self.standard_error)
+        return known and differ(self.estimate, self.standard_error, negligible=RESOLVED_SHARE)
 
 
 def optimum_of(

@@ -182,7 +182,12 @@ class LoadStudy(ResultBase):
             best_points = ((load, self.best((k, *other))) for k, load in enumerate(loads))
             best = {load: e for load, e in best_points if e}
             powers = {load: e.power for load, e in best.items()}
-            rankings[other] = rank(powers, {load: e.series for load, e in best.items()})
+            # Without chance a power has no statistical error, though its batches may be few.
+            exact = not self.scene.excitation.random and any(
+                math.isnan(e.power_error) for e in best.values()
+            )
+            series = {load: None if exact else e.series for load, e in best.items()}
+            rankings[other] = rank(powers, series)
         return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
@@ -467,13 +472,14 @@ class LoadStudy(ResultBase):
             return
         pairs = {(lead.better, lead.worse): lead for lead in differences}
         leads = [pairs[pair] for pair in itertools.pairwise(order)]
-        ranking = "".join(f" {'>' if lead.differs else '='} {lead.worse}" for lead in leads)
+        ranking = "".join(f" {_sign(lead)} {lead.worse}" for lead in leads)
         yield f"ranking at the optima{f', {words}' if words else ''}: {order[0]}{ranking}"
         for lead in leads:
             distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
             has_error = self.scene.excitation.random and math.isfinite(distance)
             sure = f", {distance:.1f} standard errors" if has_error else ""
-            sure += ", no significant difference" * (not lead.differs)
+            known = not math.isnan(lead.standard_error)
+            sure += ", no significant difference" * (known and not lead.differs)
             yield f"  {lead.better} over {lead.worse}: {share_with_error(lead)} (paired){sure}"
 
     def _failures(self):
@@ -487,6 +493,11 @@ class LoadStudy(ResultBase):
         for load, noted in points.items():
             for note, where in placed_notes(noted):
                 yield f"{load}{' at ' * bool(where)}{where}: {note}"
+
+
+def _sign(lead):
+    """How a ranking joins two loads; "?" if the difference between them has no error bar."""
+    return "?" if math.isnan(lead.standard_error) else ">" if lead.differs else "="
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
