@@ -182,7 +182,7 @@ class LoadStudy(ResultBase):
             best_points = ((load, self.best((k, *other))) for k, load in enumerate(loads))
             best = {load: e for load, e in best_points if e}
             powers = {load: e.power for load, e in best.items()}
-            # Without chance a power has no statistical error, though its batches may be few.
+            # Without noise a power has no statistical error, even if there are few batches.
             exact = not self.scene.excitation.random and any(
                 math.isnan(e.power_error) for e in best.values()
             )
@@ -496,7 +496,7 @@ class LoadStudy(ResultBase):
 
 
 def _sign(lead):
-    """How a ranking joins two loads; "?" if the difference between them has no error bar."""
+    """The sign between two loads in a ranking; "?" if their difference has no error bar."""
     return "?" if math.isnan(lead.standard_error) else ">" if lead.differs else "="
 
 
