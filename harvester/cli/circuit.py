@@ -64,7 +64,7 @@ def export(
     rate: Hertz | None = None,
     data: str | None = None,
 ) -> None:
-    """Write a scene for other tools.
+    """Export a scene to other tools.
 
     Parameters
     ----------

@@ -191,7 +191,7 @@ class Command:
                 from harvester.results.files import save
 
                 save(result.waveform, waveform)
-                say(f"written: {waveform}, {result.waveform.said()}")
+                say(f"written: {waveform}, {result.waveform.summary()}")
             if report:
                 from harvester.base.writing import write_text
                 from harvester.results.report import page_of

@@ -349,9 +349,9 @@ def _read_knots(record, name):
     if record.scale is not None or record.offset is not None:
         scale = 1.0 if record.scale is None else record.scale
         values = scale * values + (record.offset or 0.0)
-    samples.refuse_size(values, name, factor_of_unit, unit or "scaled")
-    values, times, gaps = samples.mended(values, times, name, record.mend)
-    samples.refuse_constant(values, name)
+    samples.check_size(values, name, factor_of_unit, unit or "scaled")
+    values, times, gaps = samples.repaired(values, times, name, record.mend)
+    samples.check_variation(values, name)
     cure = "correct it, or leave it out and give excitation.sampling_rate"
     base = time_base(times, rate, name, cure, record.mend)
     rate, values = base.rate, base.resampled(values) * factor_of_unit

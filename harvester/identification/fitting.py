@@ -38,10 +38,10 @@ from harvester.identification.search import (
     ON_THE_WAY,
     followed,
     in_short_windows,
-    opened,
     restarted,
     searched,
     short_windows,
+    split_windows,
 )
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
@@ -441,7 +441,7 @@ def _grid(shooting, is_known):
 
 def _otherwise(shooting, fit, other):
     """A list of the start with another interpolation; empty if no motion results."""
-    responses, begun = shooting.responses, opened(shooting, fit)
+    responses, begun = shooting.responses, split_windows(shooting, fit)
     interpolation, responses.interpolation = responses.interpolation, other
     trial = restarted(shooting, begun, fit.cost)
     if trial:
@@ -471,7 +471,7 @@ def _warmed(coarse, fine, free, warm):
         near = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if near.cost < HOPELESS * rival:
             return shooting, near
-    begun = replace(opened(warm.shooting, fit), values=values)
+    begun = replace(split_windows(warm.shooting, fit), values=values)
     shooting.responses = coarse
     anew = restarted(shooting, begun, rival)
     return (shooting, anew) if anew else None

@@ -19,7 +19,7 @@ from harvester.identification.sensors import OUTPUTS, checked_sensors
 from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
 from harvester.records.quantities import IMPEDANCES, POINTS, QUANTITIES
-from harvester.records.samples import marker_remark, mended, refuse_constant, refuse_size
+from harvester.records.samples import check_size, check_variation, marker_remark, repaired
 from harvester.records.time_base import TimeBase, time_base
 
 # Quantities that a record's columns may contain.
@@ -91,10 +91,10 @@ class Measurement:
                     raise SceneError(
                         f"{where} has the shape {checked.shape}, not {self.acceleration.shape}"
                     )
-                mended(checked, None, where)
-                refuse_size(checked, where)
+                repaired(checked, None, where)
+                check_size(checked, where)
                 if quantity != "acceleration":
-                    refuse_constant(checked, where)
+                    check_variation(checked, where)
         if not self.remarks:
             columns = {"acceleration": self.acceleration, **self.outputs}
             object.__setattr__(self, "remarks", _marker_remarks(columns))
@@ -152,7 +152,7 @@ def _marker_remarks(columns):
     """A remark on each column with markers such as -9999 or a saturation value."""
     remarks = {name: marker_remark(values) for name, values in columns.items()}
     return tuple(
-        f"{name}: {remark}, which are used as measured values: cut the record there"
+        f"{name}: {remark}; they are used as measured values: cut the record there"
         for name, remark in remarks.items()
         if remark
     )

@@ -166,7 +166,7 @@ def rival_models(
     # Large differences, which a fit from the wrong model does not reach: the simplest first.
     further: list[tuple[str, Scene, Any, Any]] = []
     if not isinstance(measurements[0], MeasuredResponse):
-        further += [(name, start, records, keys) for name, records in turned(measurements)]
+        further += [(name, start, records, keys) for name, records in reinterpreted(measurements)]
     structures = _structures(start, keys, base.sizes)
     further += [(name, scene, measurements, free) for name, scene, free in structures]
     for name, scene, records, free in further:
@@ -457,7 +457,7 @@ def next_power(base: Fitted) -> NextPower | None:
     )
 
 
-def turned(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Measurement]]]:
+def reinterpreted(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Measurement]]]:
     """Yield name and records with reinterpreted columns: other offset, sign or reference frame."""
     outputs = list(measurements[0].sensed)
     yield from _without_mean(measurements, "voltage")

@@ -122,13 +122,13 @@ def followed(
     follow : callable, optional
         Function of the number of samples in each experiment's longest window.
     """
-    fit = mended(shooting, fit)
+    fit = refit_doubtful(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
     # The loop continues while a window is longer than previously allowed.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
         follow(_longest(fit))
-        short = opened(shooting, fit)
+        short = split_windows(shooting, fit)
         # Linearized with respect to the windows' starts alone.
         shooting.frozen().linearized(short)
         longer = lengthened(fit, short, most)
@@ -137,11 +137,11 @@ def followed(
         longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
         if not longer.grams:
             break
-        fit = mended(shooting, longer)
+        fit = refit_doubtful(shooting, longer)
     for _ in range(MENDINGS):
         if not fit.cost < hopeless or not any(doubtful.any() for doubtful in _doubtful(fit)):
             break
-        fit = mended(shooting, fit)
+        fit = refit_doubtful(shooting, fit)
     if not fit.cost < hopeless:
         return fit
     return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
@@ -190,7 +190,7 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
     return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))
 
 
-def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
+def split_windows(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit divided into the shortest windows, whose starts are on its motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
@@ -210,7 +210,7 @@ def restarted(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingF
     return fit if fit.grams else None
 
 
-def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
+def refit_doubtful(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit with better starts of doubtful windows, or with these divided in half.
 
     Windows in which an error of the start grows beyond the limit are also divided. Returns the same

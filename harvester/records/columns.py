@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
-from harvester.records.formats import read_table, refused_as_record
+from harvester.records.formats import read_table, readable_record
 from harvester.records.quantities import (
     COMPLEX_QUANTITIES,
     QUANTITIES,
@@ -67,7 +67,7 @@ class MeasuredFile:
     ) -> None:
         self.where, self.setting, self._behind = named(file), setting, behind
         self._expected = expected
-        with refused_as_record(self.where):
+        with readable_record(self.where):
             self.table = read_table(file, content)
         names = self.table.names
         quantities = expected if len(expected) == len(names) else [""] * len(names)
@@ -87,7 +87,7 @@ class MeasuredFile:
         """
         missing = [index for index in indices if index not in self._columns]
         if missing:
-            with refused_as_record(self.where):
+            with readable_record(self.where):
                 self._columns |= zip(missing, self.table.take(missing), strict=True)
         return [self._columns[index] for index in indices]
 
@@ -302,7 +302,7 @@ class MeasuredFile:
             if rates and all(rates):
                 raise SceneError(
                     f"{self.where}: {says}: {self.label(clock)} gives {rates[0]:.6g} Hz: omit "
-                    f"{name} out, give the column's unit, or name it by "
+                    f"{name}, give the column's unit, or name it by "
                     f"{self.setting('column', 'time')} to read the rate from it"
                 )
         return None if index is None else columns[0], rate

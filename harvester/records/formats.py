@@ -86,7 +86,7 @@ def most_samples() -> int:
 
 
 @contextlib.contextmanager
-def refused_as_record(where: str) -> Iterator[None]:
+def readable_record(where: str) -> Iterator[None]:
     """Convert a reader's errors within the block to SceneError with the file's name."""
     try:
         yield

@@ -27,7 +27,7 @@ SHARE_OF_REST = 0.5
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
 
 
-def refuse_size(values: np.ndarray, where: str, factor: float = 1.0, unit: str = "") -> None:
+def check_size(values: np.ndarray, where: str, factor: float = 1.0, unit: str = "") -> None:
     """Raise SceneError for samples that no sensor measures in any unit.
 
     `values`: shape (n,); NaN and infinite values are ignored. `factor`: from the unit to SI.
@@ -58,9 +58,9 @@ def without_markers(
         return values, ()
     if "nan" not in mend:
         return values, (
-            f'{remark}, and taken as acceleration: excitation.mend = ["nan"] takes such for gaps',
+            f'{remark}; they are used unless excitation.mend = ["nan"] treats them as gaps',
         )
-    return np.where(outliers(values), np.nan, values), (f"{remark}: taken for gaps",)
+    return np.where(outliers(values), np.nan, values), (f"{remark}: treated as gaps",)
 
 
 def marker_remark(values: np.ndarray) -> str:
@@ -98,7 +98,7 @@ def outliers(values: np.ndarray) -> np.ndarray:
     return far if alone or count >= SAMPLES_PER_MARKER * markers else np.zeros_like(far)
 
 
-def mended(
+def repaired(
     values: np.ndarray,
     times: np.ndarray | None,
     where: str,
@@ -110,7 +110,7 @@ def mended(
     gap, "clipped" by a cubic spline through the other samples; None: no repair. Raises SceneError
     for too few samples, and for a fault that is not in `mend` or cannot be repaired.
     """
-    refuse_short(values, where)
+    check_length(values, where)
     remarks: tuple[str, ...] = ()
     lost = ~np.isfinite(values)
     if times is not None:
@@ -146,13 +146,13 @@ def _refuse(fault, samples, detail, where, mend):
         raise SceneError(f"{message}: {cure}")
     if count > LARGEST_MENDED_SHARE * samples.size:
         raise SceneError(
-            f"{message}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
+            f"{message}: more than {LARGEST_MENDED_SHARE:.0%} cannot be repaired: {cure}"
         )
     if fault not in mend:
         raise SceneError(f'{message}; excitation.mend = ["{fault}"] interpolates them')
 
 
-def refuse_short(values: np.ndarray, where: str) -> None:
+def check_length(values: np.ndarray, where: str) -> None:
     """Raise SceneError if there are too few samples or times, shape (n,)."""
     if values.size < FEWEST_SAMPLES:
         raise SceneError(
@@ -161,7 +161,7 @@ def refuse_short(values: np.ndarray, where: str) -> None:
         )
 
 
-def refuse_constant(values: np.ndarray, where: str) -> None:
+def check_variation(values: np.ndarray, where: str) -> None:
     """Raise SceneError if all samples, shape (n,), are equal."""
     if np.ptp(values) == 0.0:
         raise SceneError(f"{where}: the record is constant: every sample is {values[0]:g}")

@@ -189,7 +189,7 @@ def _scan(content, form):
         quick = rows and number_at < len(fields) == width
         if (quick and not isnan(_number(fields[number_at]))) or form.fits(fields):
             if ragged:
-                raise ValueError(f"{ragged}, and the last ones {width}")
+                raise ValueError(f"{ragged}, but the last lines have {width}: correct it")
             first = first if rows else number
             rows, behind, last = rows + behind + 1, 0, fields
         elif not rows:

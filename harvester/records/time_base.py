@@ -14,7 +14,7 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.records.formats import most_samples
-from harvester.records.samples import LARGEST_MENDED_SHARE, refuse_short
+from harvester.records.samples import LARGEST_MENDED_SHARE, check_length
 
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
@@ -61,7 +61,7 @@ def time_base(
     """
     if times is None:
         return TimeBase(cast(float, rate))
-    refuse_short(times, where)
+    check_length(times, where)
     largest = float(np.abs(times).max())
     if not largest <= LARGEST_TIME:
         raise SceneError(f"{where}: the time column reaches {largest:g} s: it must be in seconds")
@@ -203,7 +203,7 @@ def _bridged(times, steps, spacing, where):
     if share > LARGEST_MENDED_SHARE:
         raise SceneError(
             f"{where}: {share:.0%} of the samples are missing between the times ({largest}): more "
-            f"than {LARGEST_MENDED_SHARE:.0%} cannot be mended: cut the record at its gaps, or "
+            f"than {LARGEST_MENDED_SHARE:.0%} cannot be repaired: cut the record at its gaps, or "
             "choose a part by excitation.start"
         )
     return (

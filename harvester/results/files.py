@@ -96,5 +96,5 @@ def _write_one(result, path, ending):
     else:
         figure = result.figure()
         if figure is None:
-            raise OutputError(f"{path}: the result has no figure")
+            raise OutputError(f"{path}: the result has no figure: choose .json, .csv or .nc")
         figures.write(figure, path)

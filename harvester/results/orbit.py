@@ -21,13 +21,13 @@ NO_PERIOD = "no period"
 CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
-    NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
-    "longer (more periods, or run.settle)",
-    CHARGING: "a store of the load is slower than a start is followed; give it a smaller "
-    "capacitance, which changes little but its ripple, or begin within 0.1 % of its steady voltage "
+    NOT_SETTLED: "no period is repeated and neighbouring paths do not diverge; follow it longer "
+    "(more periods, or run.settle)",
+    CHARGING: "a store of the load charges too slowly for the time followed; reduce its "
+    "capacitance, which mainly changes its ripple, or start within 0.1 % of its steady voltage "
     "by ic=",
-    ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
-    DIVERGES: "the values overflow: begin closer to the rest position, or choose a shorter step",
+    ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is unknown",
+    DIVERGES: "the values overflow: start closer to the rest position, or choose a shorter step",
 }
 
 

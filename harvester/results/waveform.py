@@ -80,7 +80,7 @@ class Waveform(ResultBase):
         ]
         return View(
             table=(["column", "smallest", "largest", "rms"], rows),
-            findings=[f"{self.engine}: {self.said()}"],
+            findings=[f"{self.engine}: {self.summary()}"],
             pictures=[Picture(draw, self)],
             records=self._records,
             is_series=True,
@@ -102,7 +102,7 @@ class Waveform(ResultBase):
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def said(self) -> str:
+    def summary(self) -> str:
         """Time range, number of points and columns, as text."""
         if not self.time.size:
             return "no points"

@@ -35,7 +35,7 @@ NARROW = 0.01
 
 @functools.lru_cache(maxsize=64)
 def line_frequency(prepared_scene: Prepared) -> float:
-    """The frequency at which steps are to be exact (rad/s); 0 where there is no such.
+    """Angular frequency at which integrators are made exact (rad/s); 0 if there is none.
 
     It is the line to which the linearised device responds most. Without lines it is the resonance
     of a linear device if this is so narrow that the response to noise is nearly a line.

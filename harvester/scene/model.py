@@ -358,7 +358,7 @@ def _with_circuit(load, folders, units, origin, changed):
     if units == SI and needed:
         raise SceneError(
             f"{origin}: load.netlist = {load.netlist!r}: its defaults are for scaled scenes: "
-            f"give {', '.join(sorted(needed))} in load.parameters, or take another load"
+            f"give {', '.join(sorted(needed))} in load.parameters, or choose another load"
         )
     return replace(load, circuit=circuit)
 

@@ -28,7 +28,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
     for name, cls, content in rows_of(scene.to_tables()):
         if name != "run":
             _collect(values, name, cls, content)
-    # Every scene without a drawing has this key. It is left out where it is 1.
+    # These keys are omitted from the tables if they have their defaults.
     if scene.beam:
         for name, value in scene.beam.default_values().items():
             values.setdefault(f"beam.{name}", (value, Beam.KEYS[name]))

@@ -85,7 +85,7 @@ BASE_SHARE = 0.1
 STEPS_OF_SLAVED_VELOCITY = 4
 
 
-def has_own_knots(scene: Scene) -> bool:
+def fixes_knots(scene: Scene) -> bool:
     """Whether the excitation itself determines its knots, such as a record with smooth
     interpolation.
     """

@@ -365,7 +365,7 @@ def with_steps(
         return estimate
     error, samples = estimate.standard_error, estimate.effective_sample_size
     size = abs(estimate.estimate) if size is None else size
-    # Their error bars do not include the scatter of batches.
+    # Error bars of such means do not include the scatter of batches.
     unvarying = change or excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
         samples = None

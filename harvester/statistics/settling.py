@@ -3,13 +3,14 @@
 Realizations start at rest. Batch means do not detect what remains of the initial transient after
 `run.settle` in a mean over the measured time. If this exceeds the error bar, the error bar is
 withheld, and a note names the relaxation time.
+
     0       settle                     settle + duration
     |-------|------------ measured ------------|
     the transient decays as exp(−t/τ); its mean over the measured time is `left_of_start`
 
 Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. The mean lacks
-400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the change from the start. An error bar of 2
-% would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
+400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the change from the start. An error bar
+of 2 % would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
 """
 
 from __future__ import annotations

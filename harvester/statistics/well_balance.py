@@ -88,7 +88,7 @@ class WellBalance:
         within_error = standard_error(within)
         if error is None or within_error is None:
             return None
-        if not self._stand_on_enough(np.array([within_error]), slopes[:, None], series.size):
+        if not self._has_enough_jumps(np.array([within_error]), slopes[:, None], series.size):
             return None
         return error * math.sqrt(series.size / (series.size - len(slopes)))
 
@@ -121,12 +121,12 @@ class WellBalance:
         slopes = np.linalg.lstsq(off, series, rcond=None)[0]
         within = series - off @ slopes
         within_errors = within.std(axis=0, ddof=1) / math.sqrt(count)
-        if not self._stand_on_enough(within_errors, slopes, count):
+        if not self._has_enough_jumps(within_errors, slopes, count):
             return None
         parts = within + joined(self.innovations) @ slopes
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
 
-    def _stand_on_enough(self, within, slopes, count):
+    def _has_enough_jumps(self, within, slopes, count):
         """Whether there are enough jumps for means with these errors within the wells and slopes.
 
         The criterion is that of Satterthwaite, Biometrics Bull. 2, 110 (1946). A kind of jump that

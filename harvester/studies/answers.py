@@ -16,7 +16,7 @@ from harvester.engines.realization import quantity_names
 from harvester.engines.request import COMPLETE, Request
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import has_own_knots, resolving, spacing_of
+from harvester.scene.steps import fixes_knots, resolving, spacing_of
 from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.strain import without_line
@@ -119,7 +119,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
     `of`: scenes that determine the finest spacing; None: the scenes themselves.
     """
-    if has_own_knots(scenes[0]):
+    if fixes_knots(scenes[0]):
         return list(scenes)
     spacing = min(spacing_of(resolving(scene)) for scene in (of or scenes))
     excitations: list[Any] = [scene.excitation for scene in scenes]

@@ -12,7 +12,7 @@ from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
-from harvester.scene.steps import has_own_knots, spacing_of
+from harvester.scene.steps import fixes_knots, spacing_of
 from harvester.scene.tables import all_keys
 
 # Both keys refer to the load's resistor, whether built-in or a netlist's parameter.
@@ -181,7 +181,7 @@ def _check_shared(where, key, value, loaded):
         ]
         raise HarvesterError(
             f"{where}: {', '.join(having)} {'has' if len(having) == 1 else 'have'} this parameter, "
-            f"but {', '.join(lacks)} not: give it the same name in all these netlists, or study "
+            f"but not {', '.join(lacks)}: give it the same name in all these netlists, or study "
             "the loads separately"
         )
 
@@ -232,7 +232,7 @@ def _with_storage(points):
 def _on_common_knots(points):
     """Give all points the finest knot spacing among them, so that they have common noise."""
     spacings = [spacing_of(point.scene) for point in points]
-    if min(spacings) == max(spacings) and has_own_knots(points[0].scene):
+    if min(spacings) == max(spacings) and fixes_knots(points[0].scene):
         return points
     try:
         change = {"excitation.knot_spacing": min(spacings)}

@@ -1,4 +1,4 @@
-"""Density of any excitation or record, its kind of noise, and a specification for it."""
+"""Spectral density of an excitation or a record, tests of its kind, and a test specification."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from harvester.results.view import Picture, ResultBase, View
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Segments of the density unless the resolution is given (a 95 % band of about ±1.3 dB), their most
-# samples by default, and the least samples of a block: an hour at 8 kHz takes no more memory than a
-# minute.
+# Number of segments of the density unless the resolution is given (a 95 % band of about ±1.3 dB),
+# their default maximum length, and the minimum length of a block, in samples: an hour at 8 kHz
+# needs no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Most samples of a segment for the specification, and points of a density that a formula gives.
+# Maximum length of a segment for the specification, and number of points of a known density.
 MOST_IN_PROFILE, PLACES = 2**20, 2**15
-# Most values of a scene's excitation; a shared core took 24 s for 30 million.
+# Maximum number of values of a scene's excitation; a shared core took 24 s for 30 million.
 MOST_VALUES = 1e9
 # Number of stretches: the trend of their mean squares shows a drift, their scatter gives the errors
 # of the moments.
 STRETCHES = 32
-# Hann's window passes as much noise as this many bins.
+# Noise bandwidth of Hann's window in bins.
 HANN_BINS = 1.5
-# A specification ends where the density falls below this share of its greatest.
+# A specification ends where the density falls below this share of its maximum.
 FAINTEST = 1e-4
-# Quality factor of a device whose power a specification keeps; it then keeps the power of wider
-# ones too. Findings are on the given device if its resonance is wider. Steps per width of the
-# resonance, and the least of all.
+# Quality factor of the device whose power a specification preserves; it then also preserves that of
+# devices with wider resonances. If the given device's resonance is wider, the findings are on it.
+# Number of steps per width of the resonance, and their minimum total number.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
-# Least ratio of that width to the resolution: at 2, a record's power by the lines was
-# up to 10 % from the power by its periodogram, at 4 up to 5 %.
+# Minimum ratio of that width to the resolution. At 2, a record's power from the lines differed by
+# up to 10 % from that of its periodogram, at 4 by up to 5 %.
 BINS_OF_WIDTH = 4.0
-# Corrections of the densities after each further breakpoint, the difference of power (log) at which
-# no other is needed, and the one from which it is noted.
+# Number of corrections of the densities after each breakpoint, the difference of power (log) at
+# which no further breakpoint is needed, and the difference from which it is noted.
 CORRECTIONS, ALIKE, NOTED_DEPARTURE = 20, 0.02, 0.05
 CONFIDENCE = 0.95
 
@@ -55,7 +55,7 @@ def of_record(
     resolution: float | None,
     breakpoints: int,
 ) -> SpectrumAnalysis:
-    """Analysis of a record, read with these keys of a scene's [excitation]."""
+    """Analyse a record, read with these keys of a scene's [excitation]."""
     from harvester.device.keys import check_table
     from harvester.excitation.recorded import RecordedMotion, one_pass
 
@@ -75,7 +75,7 @@ def of_record(
 def of_scene(
     scene: Scene, duration: float | None, resolution: float | None, breakpoints: int
 ) -> SpectrumAnalysis:
-    """Analysis of the first realization of a scene's excitation, by default of its duration."""
+    """Analyse the first realization of a scene's excitation (default duration: the scene's)."""
     from harvester.scene.paths import noise_path
     from harvester.scene.prepared import prepared
     from harvester.scene.steps import knot_spacing
@@ -105,22 +105,23 @@ def of_scene(
 def _analysed(
     name, blocks, count, interval, resolution, breakpoints, scene, units, knots=False, profiled=None
 ):
-    """The analysis of values that come in blocks, an hour of them in flat memory.
+    """Analyse values that come in blocks, so that the memory does not grow with the duration.
 
-    `profiled` has the basis of the specification, if it is available without the values.
+    `profiled` is the basis of the specification, if it is known without the values.
     """
     from scipy.integrate import cumulative_trapezoid
 
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
     if not density.max() > 0.0:
-        raise HarvesterError(f"{name}: the density is 0: nothing acts on the device")
+        raise HarvesterError(f"{name}: the density is 0: there is no excitation")
     if not profiled:
-        # Long segments: a device takes the mean over the width of its resonance, so that scatter of
-        # each value matters less than resolution.
+        # Long segments are used: a device averages over its resonance, so that resolution matters
+        # more than the scatter of each value.
         longer = size if resolution else 2 * int(0.5 * min(count / 4.0, MOST_IN_PROFILE))
         fine, values, *_ = _welch(blocks, count, interval, longer, knots)
-        # Hann's windows weigh both ends of the record less than the middle: its power is kept.
+        # Hann's window gives the ends of the record less weight than its middle, so the power is
+        # restored.
         values *= density.sum() * frequencies[0] / (values.sum() * fine[0])
         profiled = fine, values, HANN_BINS / (longer * interval)
     fine, values, bandwidth = profiled
@@ -155,16 +156,16 @@ def _welch(blocks, count, interval, size, knots):
         density, moments, segments = _sums(blocks, count, interval, size)
     frequencies = np.fft.rfftfreq(size, interval)
     if knots:
-        # The engines' excitation is linear between the knots, which lowers the density by this
+        # The engines interpolate linearly between the knots, which reduces the density by this
         # factor.
         density = density * np.sinc(frequencies * interval) ** 4
     return frequencies[1:], density[1:], moments, segments
 
 
 def _specified(excitation, seconds, spacing):
-    """Frequencies, density and bandwidth of noise whose density is known; None of another.
+    """Frequencies, density and bandwidth of noise with a known density; None for other excitations.
 
-    Without edges it reaches from the reciprocal of the time to the samples' limit.
+    A density without edges ranges from the reciprocal of the duration to the Nyquist frequency.
     """
     low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
     frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])
@@ -173,15 +174,15 @@ def _specified(excitation, seconds, spacing):
 
 
 def _segment(count, interval, resolution, name):
-    """Samples of a segment, even."""
+    """Even number of samples of a segment."""
     size = min(2.0 * count / (SEGMENTS + 1), MOST_IN_SEGMENT)
     if resolution:
         size = min(HANN_BINS / (resolution * interval), 2.0 * count)
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(
-            f"{name}: {count} samples {interval:.3g} s apart do not give segments of {size}: "
-            "take a longer one, or another --resolution"
+            f"{name}: {count} samples {interval:.3g} s apart are not enough for segments of "
+            f"{size}: use a longer duration, or another --resolution"
         )
     return size
 
@@ -191,7 +192,7 @@ def _sums(blocks, count, interval, size):
     from scipy import signal
 
     stretch = max(count // STRETCHES, 1)
-    # Whole segments with an overlap of half of one: the density is their mean, block after block.
+    # Segments overlap by half; the density is their mean, accumulated block after block.
     total, segments = np.zeros(size // 2 + 1), 0
     powers, position = np.zeros((STRETCHES, 4)), 0
     remainder = np.empty(0)
@@ -224,15 +225,16 @@ def profile(
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Breakpoints of straight lines on log–log axes, with the mean square of the density.
 
-    At each frequency the power of a device of quality factor 100 by the density is compared with
-    that by the lines. Each next breakpoint is placed where they differ most, against the scatter
-    that a record of finite length leaves. The densities of all are corrected by the ratios there.
+    At each frequency the power of a device of quality factor 100 under the lines is compared with
+    that under the density. Each further breakpoint is placed at the largest difference relative to
+    the scatter due to the record's finite length. Then all breakpoints are corrected by their
+    ratios.
 
     Parameters
     ----------
     frequencies, density : ndarray, shape (n,)
     breakpoints
-        Largest number of breakpoints.
+        Maximum number of breakpoints.
     resolution
         Bandwidth of the density (Hz).
     quality
@@ -241,9 +243,9 @@ def profile(
     Returns
     -------
     ndarray, shape (m, 2)
-        Frequency (Hz) and density; without rows if the density is one line.
+        Frequency (Hz) and density; no rows if the density is a single line.
     tuple of float
-        Frequency (Hz) of the device whose power differs most, and the share.
+        Frequency (Hz) of the device whose power differs most, and the relative difference.
     """
     from scipy.integrate import cumulative_trapezoid
 
@@ -251,7 +253,7 @@ def profile(
 
     loud = np.flatnonzero(density > FAINTEST * density.max())
     f, g = (values[loud[0] : loud[-1] + 1] for values in (frequencies, density))
-    # Hann's window spreads a line over seven bins with this share of its greatest density.
+    # Hann's window spreads a line over seven bins with this share of its maximum density.
     if f[-1] - f[0] <= 5.0 * resolution:
         return np.empty((0, 2)), (math.nan, math.nan)
     steps = math.ceil(math.log(f[-1] / f[0]) * STEPS_PER_WIDTH * QUALITY)
@@ -286,7 +288,9 @@ def profile(
 
 
 def _resonance(scene):
-    """Frequency and half-power width of a scene's device (Hz), transducer open; None without."""
+    """Frequency and half-power width of a scene's device (Hz), transducer open; None if there is
+    none.
+    """
     from harvester.device import timescales
     from harvester.scene.prepared import prepared
 
@@ -298,7 +302,7 @@ def _resonance(scene):
 
 
 def _powers(x, density, quality=QUALITY):
-    """Mean-square velocity of a device of this Q at each frequency exp(x), but for a factor."""
+    """Relative mean-square velocity of a device of this Q at each frequency exp(x)."""
     from scipy.signal import fftconvolve
 
     ratio = np.exp((x[1] - x[0]) * np.arange(1 - x.size, x.size))
@@ -320,16 +324,16 @@ class SpectrumAnalysis(ResultBase):
     resolution
         Bandwidth of the density (Hz).
     segments
-        Half overlapping ones, by Hann's window.
+        Number of segments, overlapping by half, with Hann's window.
     duration
         Duration of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
-        Mean of each power, 1 to 4, in stretches of equal length.
+        Mean of each power, 1 to 4, in stretches of equal duration.
     profile : ndarray, shape (m, 2)
         Breakpoints: frequency (Hz) and density.
     departure : tuple of float
-        Frequency (Hz) of the device of this `quality` whose power departs most by the breakpoints,
-        and the share.
+        Frequency (Hz) of the device of this `quality` whose power under the breakpoints differs
+        most, and the relative difference.
     resolved_from
         Lowest frequency at which the profile resolves such a device (Hz).
     quality
@@ -372,22 +376,23 @@ class SpectrumAnalysis(ResultBase):
 
     @property
     def bandwidth(self) -> float:
-        """(∫ G df)²/∫ G² df (Hz): the width of flat noise with as many independent values."""
+        """(∫ G df)²/∫ G² df (Hz): bandwidth of flat noise with equally many independent values."""
         return float(self.density.sum() ** 2 / (self.density**2).sum()) * self._bin
 
     @property
     def band(self) -> tuple[float, float]:
-        """Frequencies (Hz) between which nine tenths of the power lie."""
+        """Frequencies (Hz) between which nine tenths of the power are."""
         gathered = np.cumsum(self.density) / self.density.sum()
         low, high = np.searchsorted(gathered, [0.05, 0.95])
         return float(self.frequencies[low]), float(self.frequencies[min(high, gathered.size - 1)])
 
     @property
     def confidence_band(self) -> tuple[float, float]:
-        """Factors of the density between which the true one lies, by 95 % at each frequency.
+        """Factors of the density that bound the true density with 95 % confidence at each
+        frequency.
 
-        χ² with 36 K²/(19 K − 1) degrees of freedom, K half overlapping segments by Hann's window
-        (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967).
+        They follow from χ² with 36 K²/(19 K − 1) degrees of freedom for K segments that overlap by
+        half, with Hann's window (P. D. Welch, IEEE Trans. Audio Electroacoust. 15, 70, 1967).
         """
         from scipy.stats import chi2
 
@@ -396,7 +401,7 @@ class SpectrumAnalysis(ResultBase):
         return float(freedom / low), float(freedom / high)
 
     def kurtosis(self) -> tuple[float, float]:
-        """E[(a − ā)⁴]/E[(a − ā)²]², 3 for a Gaussian, and its standard error (leave one out)."""
+        """E[(a − ā)⁴]/E[(a − ā)²]², 3 for a Gaussian, and its jackknife standard error."""
         return _left_out(self.moments, lambda m: _central(m)[1] / _central(m)[0] ** 2)
 
     def skewness(self) -> tuple[float, float]:
@@ -404,10 +409,10 @@ class SpectrumAnalysis(ResultBase):
         return _left_out(self.moments, lambda m: _central(m)[2] / _central(m)[0] ** 1.5)
 
     def runs_test(self) -> tuple[int, float]:
-        """Runs of stretches whose mean square lies on one side of the median, and the p-value.
+        """Number of runs of stretches with mean squares on one side of the median, and the p-value.
 
-        Few runs: the strength drifts. By the normal law of the number of runs (J. S. Bendat and
-        A. G. Piersol, Random Data, 4th ed., 2010, section 4.5.2).
+        A small number means that the strength drifts. The p-value assumes a normal number of runs
+        (J. S. Bendat and A. G. Piersol, Random Data, 4th ed., 2010, section 4.5.2).
         """
         from scipy.stats import norm
 
@@ -423,9 +428,11 @@ class SpectrumAnalysis(ResultBase):
 
     @property
     def drifts(self) -> bool:
-        """Whether few runs show a drift, larger than a steady sine's stretches differ by.
+        """Whether few runs show a drift that exceeds the variation of a steady sine between
+        stretches.
 
-        Over a stretch of T the mean square of a sine is off by up to 1/(2 π f T), by its phase.
+        Over a stretch of duration T the mean square of a sine deviates by up to 1/(2 π f T), by its
+        phase.
         """
         runs, probability = self.runs_test()
         squares, centre = self.moments[:, 1], self.frequencies @ self.density / self.density.sum()
@@ -434,7 +441,9 @@ class SpectrumAnalysis(ResultBase):
         return bool(has_few_runs and squares.std() > differ * squares.mean())
 
     def device_band(self) -> tuple[float, float, float] | None:
-        """Frequency and half-power width of the device (Hz), and the share of the power in it."""
+        """Frequency and half-power width of the device (Hz), and the share of the power in this
+        band.
+        """
         resonance = _resonance(self.scene)
         return resonance and (*resonance, self.band_share)
 
@@ -443,7 +452,7 @@ class SpectrumAnalysis(ResultBase):
         return View(
             self._table(),
             self._findings(),
-            headline=f"{self.name}: rms {self.rms:.4g}{' m/s²' * (self.units == 'SI')}, greatest "
+            headline=f"{self.name}: rms {self.rms:.4g}{' m/s²' * (self.units == 'SI')}, largest "
             f"density at {self.frequencies[self.density.argmax()]:.4g} Hz",
             pictures=[Picture(_draw, self)],
             records=self._records,
@@ -452,7 +461,7 @@ class SpectrumAnalysis(ResultBase):
         )
 
     def _records(self):
-        """Header and a row for each frequency of the density."""
+        """Header and one row per frequency of the density."""
         header = ["frequency [Hz]", f"density [{self.unit}]"]
         return header, np.column_stack([self.frequencies, self.density]).tolist()
 
@@ -482,30 +491,32 @@ class SpectrumAnalysis(ResultBase):
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
     def _findings(self) -> list[str]:
-        """Method, and deviations from stationary Gaussian noise."""
+        """Sentences on the method, and on deviations from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
         lines = [
-            f"Welch, {self.segments} half overlapping segments by Hann's window of "
+            f"Welch, {self.segments} segments of Hann's window, overlapping by half, of "
             f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
             f"{low:+.2f} to {high:+.2f} dB at each frequency"
         ]
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
             f"at Q = {self.quality:.3g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
-            + (": take more breakpoints" if abs(share) > NOTED_DEPARTURE else "")
+            + (": use more breakpoints" if abs(share) > NOTED_DEPARTURE else "")
             if self.profile.size
-            else "no specification: the density is one line; take a sine instead"
+            else "no specification: the density is a single line; use a sine instead"
         )
         if self.profile.size and self.resolved_from > self.profile[0, 0]:
             lines.append(
                 f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
-                f"device of Q = {self.quality:.3g}: take a longer record, or duration of a scene"
+                f"device of Q = {self.quality:.3g}: use a longer record, or a longer duration of a "
+                "scene"
             )
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:
             lines.append(
-                f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} errors off 3"
+                f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} standard errors "
+                "from 3"
             )
         if self.drifts:
             lines.append(
@@ -514,7 +525,7 @@ class SpectrumAnalysis(ResultBase):
         return lines
 
     def texts(self) -> dict[str, str]:
-        """The specification as a file that `excitation.breakpoints` takes."""
+        """The specification as a file for `excitation.breakpoints`."""
         lines = [f"# specification of {self.name}", f"frequency [Hz], density [{self.unit}]"]
         lines += [f"{frequency:.6g}, {density:.6g}" for frequency, density in self.profile]
         return {"-profile.csv": "\n".join(lines) + "\n"} if self.profile.size else {}

@@ -53,7 +53,7 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the lead is significant; not if its error is unknown."""
+        """Whether the difference is significant; False if its error is unknown."""
         known = not math.isnan(self.standard_error)
         return known and differ(self.estimate, self.standard_error, negligible=RESOLVED_SHARE)
 

@@ -204,7 +204,7 @@ class LoadStudy(ResultBase):
         """(order, differences) of curves, which are given by name, at their optima."""
         best = {name: e for name, where in curves.items() if (e := self.best(where))}
         powers = {name: e.power for name, e in best.items()}
-        # Without chance a power has no statistical error, though its batches may be few.
+        # Without noise a power has no statistical error, even if there are few batches.
         exact = not self.scene.excitation.random and any(
             math.isnan(e.power_error) for e in best.values()
         )
@@ -379,7 +379,7 @@ class LoadStudy(ResultBase):
         values += filter(None, [dict(self.others())[where[1:]]])
         at = f" at {', '.join(values)}" if values else ""
         power = with_error(top.estimates["output_power"], self.unit)
-        text = f"most power: {power} from {self.grid.loads[where[0]]}{at}"
+        text = f"largest power: {power} from {self.grid.loads[where[0]]}{at}"
         leads = [d for d in differences if d.better == order[0] and not d.differs]
         for unknown, words in enumerate((EQUAL, UNKNOWN)):
             names = [d.worse for d in leads if math.isnan(d.standard_error) == unknown]
@@ -519,7 +519,7 @@ class LoadStudy(ResultBase):
 
 
 def _sign(lead):
-    """How a ranking joins two loads; "?" if the difference between them has no error bar."""
+    """The sign between two loads in a ranking; "?" if their difference has no error bar."""
     return "?" if math.isnan(lead.standard_error) else ">" if lead.differs else "="
 
 

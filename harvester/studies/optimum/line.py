@@ -291,7 +291,7 @@ class Search:
             otherwise = "compare the values by harvester sweep"
         advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
-            advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
+            advice = f"is 0 within its errors at all {len(values)} points, {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self, times=TIMES_REALIZATIONS):
@@ -389,7 +389,7 @@ class CubicFit:
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
-            # The maximum t satisfies c1 + 2 c2 t + 3 c3 t² = 0.
+            # −2 times the change of t by the noise, since c1 + 2 c2 t + 3 c3 t² = 0.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
             self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))

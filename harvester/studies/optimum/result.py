@@ -226,8 +226,8 @@ class Optimum(ResultBase):
         noisy = is_noisy(self.scene, method_of(self.method)) and math.isfinite(low)
         reach = f", interval {span(low, high, self.unit)}" if noisy else ""
         return [
-            f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
-            f"{reach}; of the scene itself {with_error(scene_value, self.unit)}",
+            f"{self.quantity.replace('_', ' ')} at the optimum: {with_error(self.value, self.unit)}"
+            f"{reach}; of the unchanged scene {with_error(scene_value, self.unit)}",
             *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
             *notes_on_errors([self.method]),
@@ -418,5 +418,5 @@ def _draw_bounds(optimum, parameter, factor, axes):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
     if optimum.own is not None:
         axes.axhline(
-            factor * optimum.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+            factor * optimum.own.estimate, color=OWN, linestyle=":", label="unchanged scene"
         )

@@ -74,7 +74,7 @@ def over_several(
         stages.begin(low, high, f"{done} evaluations")
 
     objective = Objective(scene, axes, quantity, method, runner, begin)
-    stages.begin(0.0, 1.0 / expected, "the scene itself")
+    stages.begin(0.0, 1.0 / expected, "unchanged scene")
     scene_answer = first_answer(runner, Request(scene, method))
     searched = _search(objective, count)
     location = _chosen(objective, searched)

@@ -219,7 +219,7 @@ class Bifurcation(ResultBase):
         ]
         if self._every > 1:
             lines.append(
-                f"the table shows every {self._every}th value and both sides of each jump; "
+                f"the table shows one of every {self._every} values and both sides of each jump; "
                 "data() and its CSV file contain all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:

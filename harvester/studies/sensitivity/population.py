@@ -75,10 +75,10 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)
     spread = np.mean([product(deviations, deviations) for deviations in centred], axis=0)
-    devices = _drawn_together(means[None], spread[None])[0]
+    devices = _contracted(means[None], spread[None])[0]
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
     chosen = generator.integers(len(means), size=(RESAMPLES, len(means)))
-    resampled = _drawn_together(means[chosen], spread[chosen]).reshape(RESAMPLES, -1)
+    resampled = _contracted(means[chosen], spread[chosen]).reshape(RESAMPLES, -1)
     spread_of, *spread_ends = (
         math.sqrt(max(size, 0.0)) for size in (variance.estimate, *variance.interval)
     )
@@ -94,7 +94,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     )
 
 
-def _drawn_together(means, spread):
+def _contracted(means, spread):
     """Scale devices' values about their mean to the variance without noise.
 
     `means` has the shape (samples, rows, devices in a row). `spread`, shape (samples, rows),

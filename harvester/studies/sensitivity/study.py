@@ -201,7 +201,7 @@ class Sensitivity(ResultBase):
     def _on_noise(self):
         if self.indices.first is None:
             return [
-                "the scatter due to the parameters is below the runs' noise: no indices; "
+                "the parameters' scatter does not exceed the runs' noise: no indices; "
                 "request a finer precision, or raise run.duration, run.realizations or rows"
             ]
         noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
@@ -447,7 +447,7 @@ def draw_distribution(study: Sensitivity) -> Figure:
             fontsize=7, ha="center", va="bottom", color=COLOURS[0],
         )  # fmt: skip
     axes.axvline(
-        factor * study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself"
+        factor * study.nominal.estimate, color="0.1", linestyle=":", label="unchanged scene"
     )
     if study.yield_above is not None:
         share = study.yield_above.share

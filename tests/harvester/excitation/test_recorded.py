@@ -211,7 +211,7 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
     lost = np.where(np.arange(samples.size) % 5 == 2, np.nan, samples)
     for values in (clipped, lost):
         for mend in ([], ["nan", "clipped"]):
-            with pytest.raises(SceneError, match="more than 10% cannot be mended"):
+            with pytest.raises(SceneError, match="more than 10% cannot be repaired"):
                 recorded(saved(tmp_path, values), mend=mend)
 
 
@@ -337,7 +337,7 @@ def test_a_run_without_a_duration_lasts_as_long_as_its_record(tmp_path):
     tables = recorded(path).to_tables()
     del tables["run"]
     assert Scene.from_tables(tables).run.duration == pytest.approx(40.0)
-    with pytest.raises(SceneError, match=r"lasts 40 s, and run\.settle = 50"):
+    with pytest.raises(SceneError, match=r"run\.settle = 50: must be less than the record's 40 s"):
         recorded(path, run={"duration": None, "settle": 50.0})
     again = recorded(path, run={"duration": None}, repetition="periodic")
     # Its ends are faded into each other over a twentieth.

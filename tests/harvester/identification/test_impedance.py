@@ -335,7 +335,7 @@ def test_what_an_impedance_alone_does_not_take(tmp_path, monkeypatch):
     with pytest.raises(SceneError, match="unknown setting volts"):
         read_impedance(written(tmp_path / "z.csv", POLAR, *[FREQUENCY] * 3), {"volts": "1"})
     (tmp_path / "z.s1p").write_text("# HZ Z RI R 50\n1 2\n")
-    with pytest.raises(SceneError, match="not a whole Touchstone file"):
+    with pytest.raises(SceneError, match="not a valid Touchstone file"):
         read_impedance(tmp_path / "z.s1p")
     (tmp_path / "z.s1p").write_text("40 1 2\n50 1 2\n")
     with pytest.raises(SceneError, match="has no option line: write its first line as #"):

@@ -12,7 +12,7 @@ from scipy import signal
 from harvester.base.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.rivals import turned
+from harvester.identification.rivals import reinterpreted
 from harvester.identification.sensors import (
     filtered,
     integrals,
@@ -206,4 +206,4 @@ def test_a_voltage_s_offset_is_proposed():
     values = dict(zip(found.proposed.fitted.keys, found.proposed.fitted.values, strict=True))
     assert values["oscillator.damping"] == pytest.approx(0.03, rel=0.05)
     # Without an offset none is tried.
-    assert not any(name.startswith("offset") for name, _ in turned(records))
+    assert not any(name.startswith("offset") for name, _ in reinterpreted(records))

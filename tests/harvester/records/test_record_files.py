@@ -447,7 +447,7 @@ def test_what_leads_out_of_an_hdf5_file_is_refused(tmp_path):
     refused(tmp_path / "large.h5", "more than 67108864 numbers")
     content = (tmp_path / "other.h5").read_bytes()
     (tmp_path / "cut.h5").write_bytes(content[: len(content) // 2])
-    refused(tmp_path / "cut.h5", "not a whole HDF5 file")
+    refused(tmp_path / "cut.h5", "not a valid HDF5 file")
 
 
 def test_a_text_in_place_of_a_number_is_not_evaluated(tmp_path):
@@ -512,7 +512,7 @@ def test_gaps_of_the_times_are_bridged_up_to_a_tenth_and_named(tmp_path):
         far = TIMES + np.where(TIMES > 0.8, gap, 0.0)
         path = written(tmp_path, ONE, rows(far))
         for mend in ([], ["uneven"]):
-            refused(path, "cannot be mended", "after t = 0.8 s", mend=mend)
+            refused(path, "cannot be repaired", "after t = 0.8 s", mend=mend)
     assert_read(written(tmp_path, ONE, rows(TIMES[50:], MOTION[50:])), tolerance=9.0)
 
 

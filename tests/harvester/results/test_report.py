@@ -21,14 +21,14 @@ def test_a_page_begins_with_the_result(pool):
         "scaled power into a resistor": harvester.simulate(
             scene, method="monte-carlo", runner=pool
         ),
-        "most power: .* at decay rate of the load": harvester.load_study(
+        "largest power: .* at decay rate of the load": harvester.load_study(
             scene, over=GRID, method="consistent", executor=pool
         ),
         "highest mean power": harvester.sweep(scene, GRID, methods=["consistent"], executor=pool),
-        "most power: 12.* mW at 47 Hz": harvester.frequency_response(
+        "largest power: 12.* mW at 47 Hz": harvester.frequency_response(
             sine, [46.0, 47.0, 48.0], amplitude=9.80665, executor=pool
         ),
-        "most mean power: .* at load.decay_rate": harvester.optimum(
+        "largest mean power: .* at load.decay_rate": harvester.optimum(
             harvester.Scene.read("linear", ["run.realizations=8", "run.duration=500"]),
             "load.decay_rate",
             executor=pool,

@@ -73,7 +73,7 @@ def test_without_error_bars_nothing_is_judged():
 def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
     closure = result(value, notes=("the load is fast",), share_in_wells=0.8)
     said, _ = texts(result(), {"consistent": closure})
-    assert f"The closure consistent lies {side} in mean-square voltage, 6 standard" in said[-1]
+    assert f"The closure consistent is {side} in mean-square voltage, 6 standard" in said[-1]
     assert "Known limits: the load is fast; it assumes motion in one well" in said[-1]
     assert "20% of the time outside the wells" in said[-1]
     said, _ = texts(result(), {"fokker_planck": result(value)})

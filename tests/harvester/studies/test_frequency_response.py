@@ -146,7 +146,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     command = ["frequency-response", str(scene), "--frequencies", "0.2:0.6:log:3", "--down"]
     assert main([*command, "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    for word in ("sweep down", "rms voltage", "residual", "most power"):
+    for word in ("sweep down", "rms voltage", "residual", "largest power"):
         assert word in shown
     content = json.loads((tmp_path / "sine-frequency-response.json").read_text())
     assert len(content["sweeps"]["down"]["mean_power"]) == 3
@@ -272,4 +272,4 @@ def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     assert np.abs(found.values("mean_output_voltage", sweep)).max() < 1e-3 * v.max()
     assert found.unit("power") == "W/g²"
     assert found.to_dict()["sweeps"]["up"]["peak_voltage"] == pytest.approx(v, rel=2e-3)
-    assert found.headline().startswith("most output power")
+    assert found.headline().startswith("largest output power")

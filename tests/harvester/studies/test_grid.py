@@ -65,7 +65,7 @@ def test_storage_charges_while_the_run_settles(device):
         (
             ["resistor", "bridge", "doubler"],
             {"load.parameters.storage": [1e-6]},
-            r"bridge, doubler have this parameter, but resistor \(it has resistance\) not: give",
+            r"bridge, doubler have this parameter, but not resistor \(it has resistance\): give",
         ),
         (["resistor", "bridge"], {"load.parameters.x": [1.0]}, "resistor.lib has no such"),
         (["bridge"], {"load.parameters.resistence": [1.0]}, "did you mean resistance"),

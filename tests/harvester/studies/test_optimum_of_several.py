@@ -183,7 +183,7 @@ def test_places_where_no_run_ends_are_gone_around():
     ("over", "options", "message"),
     [
         ({"stoppers.gapp": None}, {}, r"over stoppers\.gapp.*did you mean stoppers\.gap"),
-        ({"oscillator.damping": (2.0, 1.0)}, {}, "no range from 2 to 1"),
+        ({"oscillator.damping": (2.0, 1.0)}, {}, "the range 2 to 1 is empty"),
         ({}, {"evaluations": 3}, "evaluations 3"),
         ({}, {"maximise": "mean_powr"}, "did you mean mean_power"),
     ],

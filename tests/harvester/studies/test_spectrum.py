@@ -143,7 +143,7 @@ def test_a_specification_keeps_the_power_of_a_device(points):
     """Of a scene's own spectrum, at any frequency in it and Q up to 100, within 5 %, exactly."""
     found = harvester.spectrum(shaken(points), breakpoints=20)
     assert abs(found.departure[1]) < 0.05
-    assert not any("take more" in line for line in found.sentences())
+    assert not any("use more" in line for line in found.sentences())
     for frequency in (38.5, 39.4, 40.0, 40.6, 41.5):
         for quality in (10.0, 40.0, 100.0):
             kept = power(found.profile.tolist(), frequency, quality)
@@ -157,7 +157,7 @@ def test_too_few_breakpoints_are_told_with_the_device_that_loses_most():
     assert found.quality == pytest.approx(centre / width)
     kept = power(found.profile.tolist(), frequency, found.quality)
     assert kept / power(PEAK, frequency, found.quality) - 1.0 == pytest.approx(share, abs=0.02)
-    (line,) = [line for line in found.sentences() if "take more" in line]
+    (line,) = [line for line in found.sentences() if "use more" in line]
     assert f"Q = {found.quality:.3g} changes most at {frequency:.4g} Hz, by {share:+.1%}" in line
 
 

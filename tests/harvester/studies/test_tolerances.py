@@ -53,16 +53,20 @@ def test_a_normal_distribution_is_cut_off_at_what_the_key_allows():
 @pytest.mark.parametrize(
     ("key", "text", "message"),
     [
-        ("stoppers.gapp", "±10%", r"--vary stoppers\.gapp: no number.*did you mean stoppers\.gap"),
+        (
+            "stoppers.gapp",
+            "±10%",
+            r"--vary stoppers\.gapp: not a number.*did you mean stoppers\.gap",
+        ),
         ("run.duration", "±10%", "not a number of this scene"),
         ("stoppers.gap", "10%", r"no such distribution; write ±10%"),
         ("stoppers.gap", "gaussian:1:2", "no such distribution"),
         ("stoppers.gap", "normal:1", "no such distribution"),
         ("stoppers.gap", "uniform:2:1", "needs LOW below HIGH"),
         ("stoppers.gap", "normal:1:0", "needs SD above 0"),
-        ("stoppers.gap", "±x%", "x is no number"),
+        ("stoppers.gap", "±x%", "x is not a number"),
         ("stoppers.gap", "±-3%", "must be above 0"),
-        ("stoppers.gap", "uniform:1:nan", "nan is no number"),
+        ("stoppers.gap", "uniform:1:nan", "nan is not a number"),
         ("stoppers.gap", "±200%", r"stoppers\.gap = -1\.1: must be a number > 0"),
         ("stoppers.restitution", "normal:1.5:0.1", r"must be a number in \[0, 1\]"),
     ],

@@ -214,7 +214,7 @@ def test_refusals():
         HarvesterError, match="bifurcation needs a periodic deterministic excitation"
     ):
         harvester.bifurcation("duffing", over={"excitation.amplitude": [0.1, 0.2]})
-    with pytest.raises(HarvesterError, match="under noise"):
+    with pytest.raises(HarvesterError, match="residence times need noise"):
         harvester.residence(duffing(0.25, 0.2, 1.0))
     with pytest.raises(HarvesterError, match=r"run\.starts"):
         Scene.read("duffing", ["run.starts=10"])
