@@ -18,7 +18,7 @@ and names the function that does each thing. Read the modules in this order.
 3. `linear.order_of` chooses the order of elimination. Rows with linear elements alone come first.
    The remaining rows are the core: the nodes of the bridge's diodes, and the velocity.
 4. `code.code_of` writes machine code for this shape of circuit: straight-line arithmetic without a
-loop over elements (`emitter` has the numbers, `elimination` the pivots, `junction` a diode's
+   loop over elements (`emitter` has the numbers, `elimination` the pivots, `junction` a diode's
    law). Circuits of one shape share their code; values are in a block of memory
    (`memory.Layout`).
 5. `mechanics.device_of` compiles spring, damper and contacts, behind addresses, so that a new load
@@ -28,9 +28,8 @@ loop over elements (`emitter` has the numbers, `elimination` the pivots, `juncti
 
 1. `stepping._longest`: the longest step that the last error, the sources (`waveform`) and a contact
    allow. Steps are the grid's step divided by a power of two, so that factors can be used again.
-2. `stepping._find_step` tries steps until one is accepted. `stepping._try_step` makes one:
-TR-BDF2 has
-   two implicit stages with the same matrix C + δ G, whose factors `stage.slot_of` keeps for the
+2. `stepping._find_step` tries steps until one is accepted. `stepping._try_step` makes one: TR-BDF2
+   has two implicit stages with the same matrix C + δ G, whose factors `stage.slot_of` keeps for the
    latest two dozen pairs of step and switch states (`code.factor`).
 3. For each stage `code.begin` (or `again`) eliminates the linear unknowns from the right-hand side.
    `stage.solve_stage` is Newton's iteration on the core: `mechanics.evaluate` gives the spring's
@@ -44,7 +43,7 @@ TR-BDF2 has
    `points.add_points` writes the point: displacement, voltages, and powers whose mean over the step
    is exact, so that the energy balance closes.
 6. Near a resonance under a sine, `prewarping.retime` scales the motion's time slightly, which
-cancels the method's frequency error.
+   cancels the method's frequency error.
 
 A realization's state is `stage.State`. `engine.integrate` passes its points to the estimators, and
 reports why a run stopped early.

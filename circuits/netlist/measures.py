@@ -31,7 +31,8 @@ class Measure(NamedTuple):
     Attributes
     ----------
     kind : useful power ("output"), lost power ("loss"), stored energy ("store") or condition
-    ("state"). name : part of the names of its quantities.
+        ("state").
+    name : part of the names of its quantities.
     expression : in W, J, or true above 0.
     taking : the power (W) that a state takes while it is true; "" if not given.
     where : "file:line".
