@@ -145,8 +145,8 @@ def _check(device):
     rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / period(device)
     if rate > fastest:
         raise AveragingError(
-            f"decay_rate={rate:g} is beyond the {fastest:.3g} /s that fokker_planck has steps "
-            "for: simulate"
+            f"decay_rate={rate:g} exceeds {fastest:.3g} /s, the limit for the steps of "
+            "fokker_planck: simulate"
         )
 
 

@@ -202,7 +202,7 @@ def _arrays(content):
         if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError("too large")
         if any(member.compress_type not in plain for member in members):
-            raise ValueError("compressed in another way")
+            raise ValueError("unsupported compression")
         for member in members:
             arrays[member.filename.removesuffix(".npy")] = _array(file.read(member))
     return arrays

@@ -249,7 +249,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         value = "" if row.reason else f"{row.value:.2%}"
         lines.append([row.truth.device, row.truth.title, row.method, expected, value, row.verdict])
     if lines:
-        head = ["set", "result", "by", "expected", "ours", "verdict"]
+        head = ["set", "result", "method", "expected", "computed", "verdict"]
         parts += [
             "## Sets to download",
             tables["page"]["downloaded"],
@@ -257,8 +257,8 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         ]
         parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
     return _page(
-        "# Measured against",
-        "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
+        "# Comparison with measurements",
+        "*Deviations of predictions from measurements, with the misses.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
         tables["page"]["opening"],
         *parts,
