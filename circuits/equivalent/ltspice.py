@@ -58,7 +58,7 @@ def _card(card):
         head, equals, expression = card.text.partition("=")
         return f"{head}{equals}{translate(expression, behavioural=True)}"
     if re.fullmatch(r"\.param pi=3\.14\d*", card.text.lower()):
-        return ""  # LTspice's own
+        return ""  # LTspice defines pi itself.
     return re.sub(r"\{([^{}]*)\}", lambda found: f"{{{translate(found.group(1))}}}", card.text)
 
 
