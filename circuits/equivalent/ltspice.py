@@ -59,7 +59,7 @@ def _card(card):
         return f"{head}{equals}{translate(expression, behavioural=True)}"
     if re.fullmatch(r"\.param pi=3\.14\d*", card.text.lower()):
         return ""  # LTspice defines pi itself.
-    return re.sub(r"\{([^{}]*)\}", lambda found: f"{{{translate(found.group(1))}}}", card.text)
+    return re.sub(r"\{([^{}]*)\}", lambda match: f"{{{translate(match.group(1))}}}", card.text)
 
 
 def translate(expression: str, behavioural: bool = False) -> str:

@@ -92,10 +92,10 @@ class SourceSchedule:
 class Steps:
     """Plans a run's steps in successive intervals; see `SourceSchedule.steps`."""
 
-    def __init__(self, found: dict[Tree, Element], step: float) -> None:
-        self._found, self._step = found, step
-        self._least = {tree: math.inf for tree in found}
-        self._most = {tree: -math.inf for tree in found}
+    def __init__(self, elements: dict[Tree, Element], step: float) -> None:
+        self._found, self._step = elements, step
+        self._least = {tree: math.inf for tree in elements}
+        self._most = {tree: -math.inf for tree in elements}
 
     def plan(self, first: int, count: int) -> Breakpoints:
         """The plan of `count` steps of the grid, from number `first` on.
@@ -183,8 +183,8 @@ def _merged(low, high):
     """Jumps, with adjacent ones merged and slightly widened, so that no step ends at a jump."""
     order = np.argsort(low)
     low, high = low[order], high[order]
-    apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
-    low, high = low[np.append(True, apart)], high[np.append(apart, True)]
+    separate = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
+    low, high = low[np.append(True, separate)], high[np.append(separate, True)]
     wider = 0.25 * (high - low)
     return low - wider, high + wider
 

@@ -128,8 +128,8 @@ class Solution:
     def unresolved(self) -> bool:
         """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
         energy = 0.5 * max(self.means["mean_square_velocity"], 0.0)
-        apart = self.grid.x[1] - self.grid.x[0]
-        return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
+        spacing = self.grid.x[1] - self.grid.x[0]
+        return any(stop.law.greatest_depth(energy) < spacing for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
         """Iterate from `start` until a period changes at most this share of the state."""
