@@ -76,10 +76,10 @@ class Potentials:
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
     """Replace each voltage in an expression that sources determine by the sources' values."""
-    return replaced(tree, lambda leaf: _said(leaf, potentials) if leaf[0] == "v" else leaf)
+    return replaced(tree, lambda leaf: _from_sources(leaf, potentials) if leaf[0] == "v" else leaf)
 
 
-def _said(voltage, potentials):
+def _from_sources(voltage, potentials):
     sources = potentials.between(*voltage[1:])
     if sources is None or any(source.wave and not has_tree(source.wave) for _, source in sources):
         return voltage

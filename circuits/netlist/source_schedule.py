@@ -79,21 +79,21 @@ class SourceSchedule:
             if source.expression is not None:
                 for tree in _moving(with_sources(source.expression, potentials)):
                     element_of_tree.setdefault(tree, source)
-        self._found = element_of_tree
+        self._elements = element_of_tree
 
     def __bool__(self) -> bool:
-        return bool(self._found)
+        return bool(self._elements)
 
     def steps(self, step: float) -> Steps:
         """Plan a run's steps, for a grid with this step (s)."""
-        return Steps(self._found, step)
+        return Steps(self._elements, step)
 
 
 class Steps:
     """Plans a run's steps in successive intervals; see `SourceSchedule.steps`."""
 
     def __init__(self, elements: dict[Tree, Element], step: float) -> None:
-        self._found, self._step = elements, step
+        self._elements, self._step = elements, step
         self._least = {tree: math.inf for tree in elements}
         self._most = {tree: -math.inf for tree in elements}
 
@@ -158,7 +158,7 @@ class Steps:
         """Which intervals are short enough, and the element that needs most further halvings."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
-        for tree, source in self._found.items():
+        for tree, source in self._elements.items():
             values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
             finite = np.concatenate([value[np.isfinite(value)] for value in values])
             self._least[tree] = min(self._least[tree], finite.min(initial=math.inf))

@@ -121,7 +121,7 @@ def outline(device: System) -> GridDensity:
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
-        return _found(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
+        return _region_and_density(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
 
 
 def _check(device):
@@ -213,7 +213,7 @@ def _refined(task, share=1.0):
 
 def _first(task, tolerance):
     """The solution on the first grid for the answer, after the region has been found."""
-    region, rough = _found(task)
+    region, rough = _region_and_density(task)
     region.check(task.device)
     requested, solved = (part.decay_rate() for part in (task.transducer, task.device.transducer))
     if (
@@ -256,7 +256,7 @@ def _refine(grids, respect, largest=None):
     grids[respect].append(finer)
 
 
-def _found(task):
+def _region_and_density(task):
     """Region of the density, and the density on a coarse grid.
 
     If hardly any motion leaves the wells, the grid covers one of them, which represents all.

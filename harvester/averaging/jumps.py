@@ -102,7 +102,7 @@ class _SlowestDecay(_Found):
         """
         self.state = self._start = self.state / self._part(self.state)
         allowed = tolerance * float(np.linalg.norm(self._start))
-        inverse = self.inverse(self._beside, parity, self.decayed)
+        inverse = self.inverse(self._later_remainder, parity, self.decayed)
         self.state = inverse.settled(self._start, self._left, allowed)
         return float(np.linalg.norm(self._left(self.state)) / np.linalg.norm(self.state))
 
@@ -119,7 +119,7 @@ class _SlowestDecay(_Found):
             state = state - state[:, :, 0].sum() * self.solution.state
         return state
 
-    def _beside(self, change):
+    def _later_remainder(self, change):
         """A change of the state one period later, corrected so that its sum over the signs is 0."""
         change = self._later(change, self._single)
         return change - self._part(change) * self._start
