@@ -84,16 +84,16 @@ class State(
     Attributes
     ----------
     code : addresses of the circuit's functions; `address` : address of its memory.
-    slots, stride : index in it of the stored factors, and number of values of each.
-    keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
-        slot are for; then the next slot and the last; then the δ and states that are looked for.
-    motion : index of the velocity in `solution`; `core` (c,) the unknowns there.
+    slots, stride : index of the stored factors in the memory, and number of values per slot.
+    keys : (SLOTS + 2, 1 + words) δ and switch states of each slot's factors; then the next and the
+        latest slot; then the requested δ and states.
+    motion : index of the velocity in `solution`; `core` (c,) indices of the core's unknowns.
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
-    closed : (k,) int64, of the switches.
-    values, shares : (k,) of the expression graph.
-    jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
-    passing : (k,) quantities that pass 0 when a source jumps, at the step's beginning.
+    closed : (k,) int64, whether each switch is closed.
+    values, shares : (k,) values of the expression graph, and derivatives of its result by them.
+    jumps : (k, 3) for each behavioural source: value, largest magnitude, number of jumps.
+    passing : (k,) values at the step's beginning whose zero crossings make sources jump.
     scalars : (1,) of `SCALARS`.
     """
 

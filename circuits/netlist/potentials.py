@@ -75,7 +75,7 @@ class Potentials:
 
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
-    """Replace each voltage in an expression that sources determine by the sources' values."""
+    """Replace each voltage that only sources determine by the values of these sources."""
     return replaced(tree, lambda leaf: _from_sources(leaf, potentials) if leaf[0] == "v" else leaf)
 
 

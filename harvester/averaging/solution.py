@@ -63,8 +63,8 @@ class StationaryProblem:
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
-                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise it, "
-                "or simulate"
+                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise the "
+                "tolerance, or simulate"
             )
         self.left -= work
 
