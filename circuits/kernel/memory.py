@@ -43,7 +43,7 @@ class Layout(
     capacity, conductance : values of the tables' entries.
     switches : present conductance of each switch.
     junctions : `junction.COLUMNS` rows of m values.
-    slopes, sizes : derivatives of behavioural sources by their inputs; their linearised values at y.
+    slopes, sizes : derivatives of behavioural sources by their inputs; linearised values at y.
     slots : `SLOTS` times the factors of the linear unknowns, and the core without junctions.
     end : size of the memory.
     """

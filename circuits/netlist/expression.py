@@ -436,10 +436,10 @@ class Names(NamedTuple):
 
     Attributes
     ----------
-    name : gives the tree of a name.
-    function : gives (arguments, tree, look-up of local functions) of a file's function, or None.
-    parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
-        varies.
+    name : returns the tree of a name.
+    function : returns (arguments, tree, look-up of local functions) of a file's function, or None.
+    parameters_only : whether the expression is a parameter's value: it is constant, pow() keeps
+        the sign, and pwr() does not.
     """
 
     name: Callable[[str], Tree] = _unknown

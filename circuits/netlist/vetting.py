@@ -95,14 +95,16 @@ class Line:
     Attributes
     ----------
     words : all words after name and nodes, as written to a netlist.
-    values : of R, C, L in their order, `bare` those without a key; the gain of a controlled source
-        or K; of Q and J the values after the model; of a source its constants.
+    values : values of R, C, L in their order; the gain of a controlled source or K; values of Q and
+        J after the model; constants of a source.
+    bare : those of `values` without a key.
     controls : sources or coils that control it.
     models : names of its models; only R, C and L may have several, rejected later.
     named : name=value settings.
     flags : "on" or "off".
     waves : kind and numbers of each waveform of a source.
-    expression : of a B, or of E and G with value=; `voltage` : whether the element sets a voltage.
+    expression : expression of a B, or of E and G with value=.
+    voltage : whether the expression sets a voltage.
     calls : sub-circuit of an X.
     """
 
