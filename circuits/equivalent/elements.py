@@ -229,41 +229,45 @@ def add_transducer(
 
 
 def _add_element(
-    circuit: Circuit, each: Component, rate: float, scales: Scales, state: str
+    circuit: Circuit, element: Component, rate: float, scales: Scales, state: str
 ) -> None:
-    gnd, value = circuit.gnd, number(each.value)
-    ends = (each.name, each.plus, each.minus)
-    if each.kind == "resistor":
+    gnd, value = circuit.gnd, number(element.value)
+    ends = (element.name, element.plus, element.minus)
+    if element.kind == "resistor":
         circuit.R(*ends, value)
-    elif each.kind == "ammeter":
+    elif element.kind == "ammeter":
         circuit.V(*ends, value)
-    elif each.kind in ("capacitor", "inductor"):
-        add = circuit.C if each.kind == "capacitor" else circuit.L
-        add(*ends, value, ic=state if each.holds_state else number(0.0))
-    elif each.kind == "moving voltage":
+    elif element.kind in ("capacitor", "inductor"):
+        add = circuit.C if element.kind == "capacitor" else circuit.L
+        add(*ends, value, ic=state if element.holds_state else number(0.0))
+    elif element.kind == "moving voltage":
         source = circuit.VoltageControlledVoltageSource
-        source(*ends, VELOCITY, gnd, number(each.value * rate))
-    elif each.kind == "moving current":
+        source(*ends, VELOCITY, gnd, number(element.value * rate))
+    elif element.kind == "moving current":
         source = circuit.VoltageControlledCurrentSource
-        source(each.name, each.minus, each.plus, VELOCITY, gnd, number(each.value * rate))
-    elif each.kind == "base voltage":
-        gain = number(each.value * rate**2)
+        source(
+            element.name, element.minus, element.plus, VELOCITY, gnd, number(element.value * rate)
+        )
+    elif element.kind == "base voltage":
+        gain = number(element.value * rate**2)
         circuit.CurrentControlledVoltageSource(*ends, f"V{EXCITATION}", gain)
-    elif each.kind == "force of voltage":
-        gain = number(_force_gain(each, rate, scales))
+    elif element.kind == "force of voltage":
+        gain = number(_force_gain(element, rate, scales))
         source = circuit.VoltageControlledCurrentSource
-        source(each.name, VELOCITY, gnd, each.plus, each.minus, gain)
-    elif each.kind == "force of current":
-        gain = number(_force_gain(each, rate, scales))
-        circuit.CurrentControlledCurrentSource(each.name, VELOCITY, gnd, f"V{each.plus}", gain)
+        source(element.name, VELOCITY, gnd, element.plus, element.minus, gain)
+    elif element.kind == "force of current":
+        gain = number(_force_gain(element, rate, scales))
+        circuit.CurrentControlledCurrentSource(
+            element.name, VELOCITY, gnd, f"V{element.plus}", gain
+        )
     else:
-        raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
+        raise ValueError(f"{element.name}: no element of a circuit is a {element.kind!r}")
 
 
-def _force_gain(each, rate, scales):
+def _force_gain(element, rate, scales):
     """Force of a network element: acceleration over rate² per volt or per ampere."""
-    unit = scales.voltage if each.kind == "force of voltage" else 1.0
-    return each.value / (rate**2 * unit)
+    unit = scales.voltage if element.kind == "force of voltage" else 1.0
+    return element.value / (rate**2 * unit)
 
 
 def behind_ammeter(network: Network) -> str:

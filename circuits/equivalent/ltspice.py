@@ -58,8 +58,8 @@ def _card(card):
         head, equals, expression = card.text.partition("=")
         return f"{head}{equals}{translate(expression, behavioural=True)}"
     if re.fullmatch(r"\.param pi=3\.14\d*", card.text.lower()):
-        return ""  # LTspice's own
-    return re.sub(r"\{([^{}]*)\}", lambda found: f"{{{translate(found.group(1))}}}", card.text)
+        return ""  # LTspice defines pi itself.
+    return re.sub(r"\{([^{}]*)\}", lambda match: f"{{{translate(match.group(1))}}}", card.text)
 
 
 def translate(expression: str, behavioural: bool = False) -> str:
@@ -82,7 +82,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
     'if(1.0<v(x),pwr(v(x)-1.0,1.5),0.0)'
     """
     try:
-        names = Names(lambda name: ("name", _kept(name, behavioural)))
+        names = Names(lambda name: ("name", _translated_name(name, behavioural)))
         tree = resolved(parse(expression.replace("{", "(").replace("}", ")")), names)
         return written(rebuilt(tree, _with_truths), dialect="ltspice")
     except ExpressionError as fault:
@@ -91,7 +91,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
         ) from None
 
 
-def _kept(name, behavioural):
+def _translated_name(name, behavioural):
     """A name; a parameter in a B source gets braces."""
     name = "temp" if name == "temper" else name
     return f"{{{name}}}" if behavioural and name not in VARIABLES else name

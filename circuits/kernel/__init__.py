@@ -28,9 +28,9 @@ and names the function that does each thing. Read the modules in this order.
 
 1. `stepping._longest`: the longest step that the last error, the sources (`waveform`) and a contact
    allow. Steps are the grid's step divided by a power of two, so that factors can be used again.
-2. `stepping._find_step` tries steps until one is accepted. `stepping._try_step` makes one:
-   TR-BDF2 has two implicit stages with the same matrix C + δ G, whose factors `stage.slot_of` keeps
-   for the latest two dozen pairs of step and switch states (`code.factor`).
+2. `stepping._find_step` tries steps until one is accepted. `stepping._try_step` makes one: TR-BDF2
+   has two implicit stages with the same matrix C + δ G, whose factors `stage.slot_of` keeps for the
+   latest two dozen pairs of step and switch states (`code.factor`).
 3. For each stage `code.begin` (or `again`) eliminates the linear unknowns from the right-hand side.
    `stage.solve_stage` is Newton's iteration on the core: `mechanics.evaluate` gives the spring's
    and the contacts' force, `code.iterate` puts the diodes' slopes and currents in, eliminates the

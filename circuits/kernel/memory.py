@@ -27,24 +27,25 @@ class Layout(
 
     Attributes
     ----------
-    y, rates : n unknowns and d/dt [C y + q].
-    largest : n, greatest size of each unknown so far.
-    change : n, of the unknowns in the stage.
-    stored, first : n, change of C y + q in the stage, and in the step's first one.
+    y, rates : n, unknowns, and rates d/dt [C y + q].
+    largest : n, largest magnitude of each unknown so far.
+    change : n, change of the unknowns in the stage.
+    stored, first : n, change of C y + q in the present stage, and in the first stage.
     new_rates : n, rates at the step's end.
-    right, ordered : n, right-hand side, and in the order of pivots the linear ones eliminated.
-    error, filtered : n, a step's error of C y + q, and of y.
+    right, ordered : n, right-hand side; the same in the order of pivots, after elimination of the
+        linear unknowns.
+    error, filtered : n, the step's error of C y + q, and of y.
     steady : n, constant sources.
-    solution : c, changes of the core's unknowns; ground's last, 0.
-    core : factors of the core in the latest iteration, as `Order.places` counts.
-    iterated, voltages, before : m, of the junctions in the stage, now and a step ago.
-    charges, new_charges : m, at the step's beginning and in the stage.
-    capacity, conductance : of the tables' entries.
-    switches : conductance of each as it is.
-    junctions : `junction.COLUMNS` rows of m.
-    slopes, sizes : of behavioural sources, by input and by source.
-    slots : `SLOTS` times the factors of the linear unknowns and the core without junctions.
-    end : the size.
+    solution : c + 1, changes of the core's unknowns, and 0 for ground.
+    core : factors of the core in the latest iteration, indexed by `Order.places`.
+    iterated, voltages, before : m, junction voltages in the stage, now and one step ago.
+    charges, new_charges : m, junction charges at the step's beginning and in the stage.
+    capacity, conductance : values of the tables' entries.
+    switches : present conductance of each switch.
+    junctions : `junction.COLUMNS` rows of m values.
+    slopes, sizes : derivatives of behavioural sources by their inputs; linearised values at y.
+    slots : `SLOTS` times the factors of the linear unknowns, and the core without junctions.
+    end : size of the memory.
     """
 
 

@@ -39,7 +39,7 @@ DIFFERENCE = 1e-6
 class Rates(enum.IntEnum):
     """Whether the rates of change at a step's beginning are known."""
 
-    TURNED = -1  # A switch turned: nothing, and the first step is backward Euler's.
+    TURNED = -1  # A switch toggled: unknown, and the next step is backward Euler.
     UNKNOWN = 0
     KNOWN = 1
 
@@ -48,24 +48,24 @@ class Rates(enum.IntEnum):
 SCALARS = np.dtype(
     [
         ("displacement", np.float64),  # X, scaled
-        ("held_speed", np.float64),  # impact speed of the contact under way, scaled
-        ("zone", np.int64),  # between which contacts X is
+        ("held_speed", np.float64),  # impact speed of the present contact, scaled
+        ("zone", np.int64),  # index of the zone of X between contacts
         ("phase", np.float64),  # time since the last knot of the noise (s)
         ("proposed", np.float64),  # length of the next step (s)
         ("rates", np.int64),  # a member of `Rates`
         ("last_step", np.float64),  # s
-        ("energy", np.float64),  # running mean of the square terminal voltage (V²)
-        ("switchings", np.int64),  # within the present step of the grid
+        ("energy", np.float64),  # running mean of the squared terminal voltage (V²)
+        ("switchings", np.int64),  # switching events within the present grid step
         ("time", np.float64),  # s
-        ("mean_power", np.float64),  # given to the transducer in the step, scaled
-        ("strictness", np.float64),  # by how much less error is asked for than by default
-        ("line", np.float64),  # frequency at which the motion is to be exact (rad/s), or 0
-        ("timed_for", np.float64),  # length of step (s) for which the next two hold
+        ("mean_power", np.float64),  # power into the transducer in the step, scaled
+        ("strictness", np.float64),  # divisor of the default error limit
+        ("line", np.float64),  # frequency of exact motion (rad/s); 0: none
+        ("timed_for", np.float64),  # length of step (s) of `pace` and `cancelled`
         ("pace", np.float64),  # see `circuits.kernel.prewarping`
-        ("cancelled", np.float64),  # damping that the method adds by itself (1/s)
-        ("crossing_time", np.float64),  # time constant of switches that turn by themselves (s)
-        ("steps_taken", np.int64),  # since chatter was last looked for
-        ("counted_from", np.float64),  # when that was (s)
+        ("cancelled", np.float64),  # numerical damping of the method (1/s)
+        ("crossing_time", np.float64),  # time constant of endlessly toggling switches (s)
+        ("steps_taken", np.int64),  # steps since the latest check for chatter
+        ("counted_from", np.float64),  # time of that check (s)
     ],
     align=True,
 )
@@ -84,16 +84,16 @@ class State(
     Attributes
     ----------
     code : addresses of the circuit's functions; `address` : address of its memory.
-    slots, stride : index in it of the stored factors, and number of values of each.
-    keys : (SLOTS + 2, 1 + words) the step's δ and the switches' states that the factors of each
-        slot are for; then the next slot and the last; then the δ and states that are looked for.
-    motion : index of the velocity in `solution`; `core` (c,) the unknowns there.
+    slots, stride : index of the stored factors in the memory, and number of values per slot.
+    keys : (SLOTS + 2, 1 + words) δ and switch states of each slot's factors; then the next and the
+        latest slot; then the requested δ and states.
+    motion : index of the velocity in `solution`; `core` (c,) indices of the core's unknowns.
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
-    closed : (k,) int64, of the switches.
-    values, shares : (k,) of the expression graph.
-    jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
-    passing : (k,) quantities that pass 0 when a source jumps, at the step's beginning.
+    closed : (k,) int64, whether each switch is closed.
+    values, shares : (k,) values of the expression graph, and derivatives of its result by them.
+    jumps : (k, 3) for each behavioural source: value, largest magnitude, number of jumps.
+    passing : (k,) values at the step's beginning whose zero crossings make sources jump.
     scalars : (1,) of `SCALARS`.
     """
 

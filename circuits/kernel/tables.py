@@ -33,23 +33,24 @@ class Tables(
     ----------
     entries : (k, 2) rows and columns of `capacity` and `conductance`, both (k,).
     steady : (n,) constant sources, s of the equation.
-    sources : (k, 2) row and shape of a changing source, `waves` (k, waveform.COLUMNS) its numbers.
-    corners : (k, 2) corners of sources drawn through points, one after another.
-    driven : (k,) rows of sources in proportion to η, `drives` (k,) their values for one unit.
-    junctions : (k, 2) anode and cathode, `junction_values` (k, junction.COLUMNS).
-    switches : (k, 6) nodes, nodes that control it (or a current and ground), initial state, sort;
-        `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
-        above which it closes.
-    graph : (k, 4) operations, `graph_values` (k,) their constants.
-    behavioural : (k, 4) row it adds to, row it takes from, first operation, index of its value;
-        `inputs` (k, 3) which of them, index in the graph, unknown; `zero_crossings` (k,) indices of
-        quantities that pass 0 when one jumps.
-    retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents
-        that its velocity drives.
-    nonlinear_rows, nonlinear_columns : (n,) whether an element there is nonlinear.
+    sources : (k, 2) row and shape of each changing source; `waves` (k, waveform.COLUMNS) its
+        parameters.
+    corners : (k, 2) points of all piecewise linear sources, one after another.
+    driven : (k,) rows of sources proportional to η; `drives` (k,) their values at η = 1.
+    junctions : (k, 2) anode and cathode; `junction_values` (k, junction.COLUMNS).
+    switches : (k, 6) nodes, controlling nodes (or a current and ground), initial state, kind;
+        `switch_values` (k, 4) conductance off and on, control below which it opens and above which
+        it closes.
+    graph : (k, 4) operations; `graph_values` (k,) their constants.
+    behavioural : (k, 4) row that the source adds to, row it subtracts from, its first operation,
+        index of its value; `inputs` (k, 3) index of the source, index in the graph, unknown;
+        `zero_crossings` (k,) indices of values whose zero crossings make a source jump.
+    retimed : (k,) entries that `circuits.kernel.prewarping` scales: the mass, and the currents
+        proportional to its velocity.
+    nonlinear_rows, nonlinear_columns : (n,) whether a nonlinear element has entries there.
     own : (k, 2) unknowns of a self-oscillating load, whose tolerance is relative to their
-        own size, and 1 for a current.
-    start : (2, n) y at the beginning, and its change per volt or ampere of the transducer's state.
+        magnitude, and 1 for a current.
+    start : (2, n) initial y, and its change per volt or ampere of the transducer's state.
     """
 
 
@@ -59,10 +60,10 @@ class Probes(NamedTuple):
     Attributes
     ----------
     places : int64, shape (5 + watched,): terminal, load's current, transducer's state, output,
-        reference, and the unknowns that the load's measures are made of.
-    units : float64, shape (5,): scaled values of a volt, of the state's volt or ampere, of an
-        ampere, of a watt, and the joules of a unit of mechanical energy's row.
-    energy : (capacitance (F), volts) below whose energy a store is negligible.
+        reference, and the unknowns of the load's measures.
+    units : float64, shape (5,): scaled values of 1 V, of 1 V or 1 A of the state, of 1 A and of
+        1 W, and the energy (J) of one unit in the velocity's row.
+    energy : capacitance (F) and voltage (V); a store with less energy is negligible.
     """
 
     places: np.ndarray
@@ -76,13 +77,13 @@ class Circuit(NamedTuple):
     Attributes
     ----------
     tables, probes
-    order : circuits.kernel.linear.Order, of elimination.
+    order : circuits.kernel.linear.Order
     layout : circuits.kernel.memory.Layout
     code : circuits.kernel.code.Code
-    names : of the unknowns, for messages.
+    names : names of the unknowns, for messages.
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     load : circuits.netlist.load_circuit.LoadCircuit
-    measurement : of the load, from the unknowns watched.
+    measurement : the load's measures, from the watched unknowns.
     schedule : times at which the load's sources change.
     """
 

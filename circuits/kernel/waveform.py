@@ -18,7 +18,8 @@ SIGN, FIRST, LAST = range(3)
 OWN = 3
 COLUMNS = OWN + 7
 KINDS = {"sin": SINE, "pulse": PULSE, "exp": EXPONENTIAL, "pwl": LINES}
-STEPS_OF_SINE = 40.0  # of a period: the method's error is then some 0.1 % of the sine
+# Steps per period of a sine, with an error of about 0.1 %.
+STEPS_OF_SINE = 40.0
 
 
 def shape(wave: Waveform) -> tuple[int, list[float], list[tuple[float, float]]]:

@@ -35,15 +35,15 @@ def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
         Ends of the intervals (s).
     """
 
-    def made(here: Tree, parts: list[Pair]) -> Any:
-        kind = here[0]
+    def made(node: Tree, parts: list[Pair]) -> Any:
+        kind = node[0]
         if kind == "number":
-            value = np.full(low.size, here[1])
+            value = np.full(low.size, node[1])
             return value, value
         if kind == "time":
             return low, high
         if kind == "call":
-            return _lines(parts) if here[1] == "pwl" else parts[0]
+            return _lines(parts) if node[1] == "pwl" else parts[0]
         least, most = _RULES[kind](*parts)
         return np.where(np.isnan(least), -np.inf, least), np.where(np.isnan(most), np.inf, most)
 

@@ -38,7 +38,7 @@ class Element(NamedTuple):
     nodes : names of nodes; a node at a pin of the load has the pin's name.
     where : "file:line".
     value : R (Ω), C (F), L (H) with temperature, scale and model applied; coupling of a K; gain of
-    a controlled source; value of a constant source (V or A).
+        a controlled source; value of a constant source (V or A).
     numbers : other parameters of the element, such as "m" and "ic".
     model, wave, expression : if it has one; its expression is in volts, amperes or seconds.
     controls : full names of the sources or coils that control it.

@@ -296,7 +296,7 @@ def solutions(text: str) -> list[tuple[str, list[str]]]:
 
 def respelt(text: str, spell: Callable[[str, list[str]], str]) -> str:
     """Replace each voltage and current in a text by `spell(kind, names)` if that is not empty."""
-    return _SOLUTION.sub(lambda found: spell(*solutions(found[0])[0]) or found[0], text)
+    return _SOLUTION.sub(lambda match: spell(*solutions(match[0])[0]) or match[0], text)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -317,8 +317,8 @@ def parts_of(tree: Tree) -> Tree:
     return () if tree[0] in ("number", "time", "name", "v", "i") else tree[1:]
 
 
-def rebuilt(tree: Tree, made: Callable) -> Any:
-    """Value of a tree, built from its leaves: `made(tree, values of its parts)` for each node.
+def rebuilt(tree: Tree, value_of: Callable) -> Any:
+    """Value of a tree, built from its leaves: `value_of(tree, values of its parts)` for each node.
 
     Not recursive, since a sum of a thousand terms is a thousand levels deep.
     """
@@ -332,7 +332,7 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
             waiting += [(part, False) for part in reversed(parts)]
         else:
             first = len(done) - len(parts)
-            done[first:] = [made(node, done[first:])]
+            done[first:] = [value_of(node, done[first:])]
     return done[0]
 
 
@@ -366,8 +366,8 @@ def currents_in(tree: Tree | None) -> list[str]:
 
 def unknowns_in(tree: Tree | None) -> list[str]:
     """Unique nodes (without ground) and currents "i(name)" that an expression depends on."""
-    asked = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
-    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in asked for node in leaf[1:]]
+    unknowns = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
+    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in unknowns for node in leaf[1:]]
     return [name for name in dict.fromkeys(names) if name != GROUND]
 
 
@@ -436,10 +436,10 @@ class Names(NamedTuple):
 
     Attributes
     ----------
-    name : gives the tree of a name.
-    function : gives (arguments, tree, look-up of local functions) of a file's function, or None.
-    parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
-        varies.
+    name : returns the tree of a name.
+    function : returns (arguments, tree, look-up of local functions) of a file's function, or None.
+    parameters_only : whether the expression is a parameter's value: it is constant, pow() keeps
+        the sign, and pwr() does not.
     """
 
     name: Callable[[str], Tree] = _unknown
@@ -488,7 +488,7 @@ def _called(name, arguments, names):
     if name in _MADE:
         composed = _MADE[name][1](*arguments)
         return rebuilt(
-            composed, lambda here, parts: _folded(here[0], parts, names) if parts else here
+            composed, lambda node, parts: _folded(node[0], parts, names) if parts else node
         )
     return _folded(_SAME.get(name, name), arguments, names)
 

@@ -41,18 +41,18 @@ class ExpressionGraph:
             The tree contains a function that only ngspice has.
         """
 
-        def made(here: Tree, parts: list[int]) -> int:
-            kind = here[0]
+        def made(node: Tree, parts: list[int]) -> int:
+            kind = node[0]
             if kind == "number":
-                return self._row(CONSTANT, value=here[1])
+                return self._row(CONSTANT, value=node[1])
             if kind == "time":
                 return self._row(TIME)
             if kind == "i":
-                return self._row(UNKNOWN, unknown_of(here))
+                return self._row(UNKNOWN, unknown_of(node))
             if kind == "v":
-                return self._voltage(here, unknown_of)
+                return self._voltage(node, unknown_of)
             if kind not in CODES:
-                raise ExpressionError(f"the function {here[1]}()")
+                raise ExpressionError(f"the function {node[1]}()")
             return self._row(FIRST + CODES[kind], *parts)
 
         return rebuilt(tree, made)
@@ -102,11 +102,11 @@ class Values:
 
 
 @compiled
-def _at_points(rows: Any, values: Any, ends: Any, time: Any, points: Any, found: Any) -> None:
+def _at_points(rows: Any, values: Any, ends: Any, time: Any, points: Any, results: Any) -> None:
     for k in range(time.size):
         evaluate(rows, values, points[k], time[k])
         for index in range(ends.size):
-            found[index, k] = values[ends[index]]
+            results[index, k] = values[ends[index]]
 
 
 @compiled

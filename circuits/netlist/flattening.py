@@ -15,11 +15,11 @@ from circuits.netlist.vetting import Line, refuse
 from circuits.netlist.waveform import waveform
 
 
-def outermost(root: Subcircuit, name: str, given: dict[str, float]) -> Scope:
+def outermost(root: Subcircuit, name: str, parameters: dict[str, float]) -> Scope:
     """The scope of a load's top sub-circuit, whose pins keep their names."""
     top = root.inner[name]
     file = Scope(root)
-    return Scope(top, given, {pin: pin for pin in top.pins}, "", file, file)
+    return Scope(top, parameters, {pin: pin for pin in top.pins}, "", file, file)
 
 
 def elements(scope: Scope) -> Iterator[Element]:
@@ -79,16 +79,16 @@ class _ScopedLine:
         if not self.line.models:
             return None
         name = self.line.models[0]
-        found = self.scope.model(name)
-        assert found is not None
-        scope, (_, kind, pairs) = found
+        definition = self.scope.model(name)
+        assert definition is not None
+        scope, (_, kind, pairs) = definition
         numbers = tuple((key, scope.value(text)) for key, text in pairs if text)
         return Model(scope.path + name, kind, numbers, tuple(k for k, text in pairs if not text))
 
-    def made(self, **what: Any) -> Element:
+    def made(self, **changes: Any) -> Element:
         """The element that the line describes."""
         basis = Element(self.letter, self.name, self.nodes, self.line.card.where)
-        return basis._replace(**what)
+        return basis._replace(**changes)
 
 
 def _passive(part):
@@ -143,8 +143,8 @@ def _with_model(part):
 
 def _switch(part):
     controls, model = part.controls, part.model()
-    asked: Tree = ("i", controls[0]) if controls else ("v", *part.nodes[2:4])
-    smooth = part_models.smooth_switch(part, model, asked)
+    control: Tree = ("i", controls[0]) if controls else ("v", *part.nodes[2:4])
+    smooth = part_models.smooth_switch(part, model, control)
     if smooth is not None:
         current = ("*", ("v", *part.nodes[:2]), smooth)
         return part.made(letter="b", expression=current, nodes=part.nodes[:2])

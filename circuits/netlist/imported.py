@@ -171,12 +171,14 @@ def _key(node):
     return GROUND if node.lower() == "gnd" else node.lower()
 
 
-def _pins(nodes, known):
+def _pins(nodes, current_nodes):
     """The new names of all nodes, by `_key`."""
-    spelt = {_key(node): node for node in known}
+    spelt = {_key(node): node for node in current_nodes}
     for node in nodes:
         if _key(node) not in spelt:
-            raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
+            raise NetlistError(
+                f"no node {node[:40]}{nearest(node, current_nodes)}; {listed(current_nodes)}"
+            )
     nodes = [*map(_key, nodes)]
     if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:
         raise NetlistError("give the harvester's two nodes, and optionally the output's two")
@@ -260,7 +262,7 @@ def _rewritten(text, pins, currents):
 
 
 def _element(
-    card: Card, pins: dict[str, str], currents: dict[str, Any], said: list[str]
+    card: Card, pins: dict[str, str], currents: dict[str, Any], remarks: list[str]
 ) -> Iterator[str]:
     """An element with renamed nodes, and its parasitic parts as separate elements."""
     # LTspice writes 0 for a missing part.
@@ -277,18 +279,18 @@ def _element(
     # In V and I sources parentheses contain a waveform; in other elements V(…) and I(…) are
     # quantities.
     if letter not in "vi":
-        asked = [names[0] for kind, names in solutions(remainder) if kind == "i"]
+        current_names = [names[0] for kind, names in solutions(remainder) if kind == "i"]
         remainder = _rewritten(remainder, pins, currents)
-        said += [
+        remarks += [
             f"{name}: I({current}) is replaced by voltage/resistance"
-            for current in dict.fromkeys(asked)
+            for current in dict.fromkeys(current_names)
             if isinstance(currents.get(current.lower()), tuple)
         ]
     for key, value in within:
         parasitic = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):
             raise NetlistError(f"{name}: {key}= is unsupported here: write a separate element")
-        said.append(f"{name}: {key}={value} becomes the element {parasitic}")
+        remarks.append(f"{name}: {key}={value} becomes the element {parasitic}")
         if key.endswith("ser"):
             yield f"{parasitic} {nodes[1]}_{name} {nodes[1]} {value}"
             nodes[1] = f"{nodes[1]}_{name}"

@@ -164,9 +164,9 @@ class LoadCircuit:
             nodes for nodes in joined([{output}, *(wire - others for wire in wires)])
             if output in nodes
         )  # fmt: skip
-        there = [part for part in self.elements if near & {*part.nodes}]
+        near_parts = [part for part in self.elements if near & {*part.nodes}]
         leads = any(near & wire and others & wire for wire in wires)
-        rings = leads and all(part.letter in "rlswd" for part in there)
+        rings = leads and all(part.letter in "rlswd" for part in near_parts)
         return (reference,) if rings else OUTPUT_PINS
 
     @cached_property

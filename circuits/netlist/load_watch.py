@@ -93,19 +93,19 @@ def may_jump(load: LoadCircuit) -> bool:
     return load.switches and (load.self_oscillation.oscillates or any(map(_jumps, load.elements)))
 
 
-def _jumps(each: Element) -> bool:
-    if each.letter in _JUMPING or each.expression is not None:
+def _jumps(element: Element) -> bool:
+    if element.letter in _JUMPING or element.expression is not None:
         return True
-    return each.letter in "cl" and not (each.size or 0.0) > 0.0
+    return element.letter in "cl" and not (element.size or 0.0) > 0.0
 
 
-def _switch(each, pins):
+def _switch(switch, pins):
     """The control's ends, and (closes above, opens below, closed at first)."""
-    ends = tuple(pins.get(node, node) for node in each.nodes[2:4])
-    if each.letter == "w":
-        ends = f"i({each.controls[0]})", GROUND
-    low, high = hysteresis(each.letter, each.model)
-    return ends, (high, low, "on" in each.flags)
+    ends = tuple(pins.get(node, node) for node in switch.nodes[2:4])
+    if switch.letter == "w":
+        ends = f"i({switch.controls[0]})", GROUND
+    low, high = hysteresis(switch.letter, switch.model)
+    return ends, (high, low, "on" in switch.flags)
 
 
 def _comparisons(parts, pins):
@@ -124,8 +124,8 @@ def _comparisons(parts, pins):
     ]
 
 
-def _store(each, pins):
+def _store(store, pins):
     """Unknowns of a store (two nodes, or a coil's current), and (size, whether it is a coil)."""
-    if each.letter == "l":
-        return (f"i({each.name})", GROUND), (each.size, True)
-    return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)
+    if store.letter == "l":
+        return (f"i({store.name})", GROUND), (store.size, True)
+    return tuple(pins.get(node, node) for node in store.nodes), (store.size, False)

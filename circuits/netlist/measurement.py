@@ -293,12 +293,12 @@ def evaluated(
     )
 
 
-def _check_known(measure, tree, known):
+def _check_known(measure, tree, unknowns):
     for name in unknowns_in(tree):
-        if name not in known:
-            what = "current" if name.startswith("i(") else "node"
+        if name not in unknowns:
+            kind = "current" if name.startswith("i(") else "node"
             raise NetlistError(
-                f"{measure.where}: measure: the load has no {what} {name[:60]}"
-                f"{nearest(name, known)}; there are {', '.join(sorted(known - {GROUND}))}"
+                f"{measure.where}: measure: the load has no {kind} {name[:60]}"
+                f"{nearest(name, unknowns)}; there are {', '.join(sorted(unknowns - {GROUND}))}"
                 f"{f'; {AMMETER}' * name.startswith('i(')}"
             )

@@ -31,11 +31,12 @@ class Measure(NamedTuple):
     Attributes
     ----------
     kind : useful power ("output"), lost power ("loss"), stored energy ("store") or condition
-    ("state"). name : part of the names of its quantities.
-    expression : in W, J, or true above 0.
-    taking : the power (W) that a state takes while it is true; "" if not given.
+        ("state").
+    name : part of the names of its quantities.
+    expression : power (W), energy (J), or a condition that is true above 0.
+    taking : power (W) dissipated while a condition is true; "" if not given.
     where : "file:line".
-    trees : of both expressions, after they are resolved in the load's sub-circuit.
+    trees : both expressions as trees, resolved in the load's sub-circuit.
     """
 
     kind: str

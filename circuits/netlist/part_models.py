@@ -173,8 +173,8 @@ def switch(line: Any, model: Model) -> Model:
 def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
     """Conductance of a smooth switch of LTspice or PSpice; None for ngspice's switches.
 
-    These are LTspice's with negative hysteresis, and PSpice's VSWITCH and ISWITCH. The logarithm of
-    the conductance is a cubic between both ends.
+    Smooth switches are LTspice's with negative hysteresis, and PSpice's VSWITCH and ISWITCH. The
+    logarithm of the conductance is a cubic between both ends.
     """
     if model.kind in _ENDS:
         high, low = (model.get(*names) for names in _ENDS[model.kind])

@@ -33,13 +33,13 @@ class Potentials:
         self._ways: dict[str, dict[Element, int]] = {}
         self._roots: dict[str, str] = {}
         neighbours: dict[str, list[tuple[str, Element, int]]] = {}
-        for each in elements:
-            if each.letter == "v" or (
-                charged and each.letter == "c" and "ic" in dict(each.numbers)
+        for element in elements:
+            if element.letter == "v" or (
+                charged and element.letter == "c" and "ic" in dict(element.numbers)
             ):
-                a, z = each.nodes
-                neighbours.setdefault(a, []).append((z, each, -1))
-                neighbours.setdefault(z, []).append((a, each, 1))
+                a, z = element.nodes
+                neighbours.setdefault(a, []).append((z, element, -1))
+                neighbours.setdefault(z, []).append((a, element, 1))
         for root in [GROUND, "n", *neighbours]:
             if root not in self._roots:
                 self._spread(root, neighbours)
@@ -48,11 +48,11 @@ class Potentials:
         self._roots[root], self._ways[root] = root, {}
         waiting = [root]
         while waiting:
-            here = waiting.pop()
-            for node, source, sign in neighbours.get(here, ()):
+            reached = waiting.pop()
+            for node, source, sign in neighbours.get(reached, ()):
                 if node not in self._roots:
                     self._roots[node] = root
-                    self._ways[node] = {**self._ways[here], source: sign}
+                    self._ways[node] = {**self._ways[reached], source: sign}
                     waiting.append(node)
 
     def between(self, a: str, z: str) -> list[tuple[int, Element]] | None:
@@ -60,8 +60,8 @@ class Potentials:
         if self._roots.get(a, a) != self._roots.get(z, z):
             return None
         one, other = self._ways.get(a, {}), self._ways.get(z, {})
-        signs = {each: one.get(each, 0) - other.get(each, 0) for each in {**one, **other}}
-        return [(sign, each) for each, sign in signs.items() if sign]
+        signs = {source: one.get(source, 0) - other.get(source, 0) for source in {**one, **other}}
+        return [(sign, source) for source, sign in signs.items() if sign]
 
     def start(self, a: str, z: str) -> float | None:
         """The initial voltage from a to z, or None."""
@@ -75,11 +75,11 @@ class Potentials:
 
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
-    """Replace each voltage in an expression that sources determine by the sources' values."""
-    return replaced(tree, lambda leaf: _said(leaf, potentials) if leaf[0] == "v" else leaf)
+    """Replace each voltage that only sources determine by the values of these sources."""
+    return replaced(tree, lambda leaf: _from_sources(leaf, potentials) if leaf[0] == "v" else leaf)
 
 
-def _said(voltage, potentials):
+def _from_sources(voltage, potentials):
     sources = potentials.between(*voltage[1:])
     if sources is None or any(source.wave and not has_tree(source.wave) for _, source in sources):
         return voltage
@@ -193,15 +193,15 @@ def starts(elements: tuple[Element, ...]) -> dict[str, float]:
     return {node: volts for node, volts in node_voltages.items() if node not in (GROUND, "n")}
 
 
-def _decisive(each, potentials):
+def _decisive(element, potentials):
     """Pairs of nodes whose initial voltage determines an element's initial state."""
-    if each.letter == "s":
-        a, z = each.nodes[2:4]
-        low, high = hysteresis(each.letter, each.model)
+    if element.letter == "s":
+        a, z = element.nodes[2:4]
+        low, high = hysteresis(element.letter, element.model)
         volts = potentials.start(a, z)
-        if volts is not None and (each.flags or volts) and low <= volts <= high > low:
+        if volts is not None and (element.flags or volts) and low <= volts <= high > low:
             yield a, z
-    elif each.expression is not None:
-        parts = list(leaves(each.expression))
+    elif element.expression is not None:
+        parts = list(leaves(element.expression))
         if any(part[0] in _UNDEFINED_AT_0 for part in parts):
             yield from (part[1:] for part in parts if part[0] == "v")

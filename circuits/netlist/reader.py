@@ -60,13 +60,13 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
 
 
 @contextlib.contextmanager
-def _named(place):
+def _named(shown_place):
     """Convert system errors about a file to a NetlistError that names it."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise NetlistError(f"{place}: cannot be read: {reason}") from None
+        raise NetlistError(f"{shown_place}: cannot be read: {reason}") from None
 
 
 def read_text(path: Path) -> str:
@@ -86,18 +86,16 @@ class _Reader:
         self._folder = folder
         self._files = self._bytes = self._cards = 0
 
-    def cards(self, path, place, including, text=None):
-        """Cards of a file, or of its `text`; `place`: where it is included; `including`: the chain
-        of files.
-        """
-        with _named(place):
+    def cards(self, path, shown_place, including, text=None):
+        """Cards of a file, or of its `text`; `including`: the chain of files."""
+        with _named(shown_place):
             real = path.resolve()
         if real in including:
-            raise NetlistError(f"{place}: includes itself; remove the .include")
+            raise NetlistError(f"{shown_place}: includes itself; remove the .include")
         if len(including) >= DEEPEST_INCLUDE:
-            raise NetlistError(f"{place}: includes nest deeper than {DEEPEST_INCLUDE} files")
+            raise NetlistError(f"{shown_place}: includes nest deeper than {DEEPEST_INCLUDE} files")
         cards = []
-        for card in statements(text or self._text(path, place), path.name):
+        for card in statements(text or self._text(path, shown_place), path.name):
             if len(card.text) > LONGEST_CARD:
                 raise NetlistError(
                     f"{card.where}: a statement of {len(card.text)} characters; at most "
@@ -118,14 +116,14 @@ class _Reader:
                 cards.append(Card(card.text.lower(), card.where))
         return cards
 
-    def _text(self, path, place):
+    def _text(self, path, shown_place):
         """Contents of a file in any usual encoding."""
         self._files += 1
         if self._files > MOST_FILES:
-            raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
-        with _named(place):
+            raise NetlistError(f"{shown_place}: more than {MOST_FILES} files are included")
+        with _named(shown_place):
             if not path.is_file():
-                raise NetlistError(f"{place}: is not a regular file")
+                raise NetlistError(f"{shown_place}: is not a regular file")
             # Reads at most the file's size: a file with the reported size 0 may be endless.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
             with path.open("rb") as file:
@@ -133,12 +131,12 @@ class _Reader:
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(
-                f"{place}: more than {MOST_BYTES // 1000} kB with its includes: too large a load"
+                f"{shown_place}: more than {MOST_BYTES // 1000} kB with its includes"
             )
         return _decoded(content)
 
 
-def _included(argument, beside, folder, where):
+def _included(argument, folder_of_file, folder, where):
     """The file of an include: within `folder`, with links resolved, or in netlists/."""
     quoted = re.fullmatch(r"\"([^\"]+)\"|'([^']+)'", argument)
     name = quoted.group(1) or quoted.group(2) if quoted else argument
@@ -146,14 +144,14 @@ def _included(argument, beside, folder, where):
         raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
     # Windows separates folders by a backslash.
-    path, shown_place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
+    path, shown_place = folder_of_file / name.replace("\\", "/"), f"{where} {name[:80]}"
     with _named(shown_place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
         # Files that the project's netlists include are in the same folder.
         packaged = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
-        if bare and (missing or packaged.parent == beside) and packaged.is_file():
+        if bare and (missing or packaged.parent == folder_of_file) and packaged.is_file():
             return packaged
     if outside:
         raise NetlistError(f"{shown_place}: is outside the load's folder: copy it into this folder")

@@ -167,7 +167,7 @@ class Scope:
             return ("v", *map(self.node, leaf[1:]))
         return ("i", self.element(leaf[1])) if leaf[0] == "i" else leaf
 
-    def called(self, name: str, target: Subcircuit, pins: list[str], given: dict[str, str]) -> Any:
+    def called(self, name: str, target: Subcircuit, pins: list[str], texts: dict[str, str]) -> Any:
         """The scope of a call from here, values given as text.
 
         Raises
@@ -176,11 +176,11 @@ class Scope:
             A name in a value has another meaning inside the called sub-circuit, which ngspice would
             use.
         """
-        values = {key: self.value(text) for key, text in given.items()}
+        values = {key: self.value(text) for key, text in texts.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
         parent = next(outer for outer in self.outwards() if outer.circuit is target.outer)
         inside = Scope(target, values, nodes, f"{self.element(name)}.", parent, self)
-        for key, text in given.items():
+        for key, text in texts.items():
             inside._check_given(key, text, values[key])
         return inside
 

@@ -213,42 +213,48 @@ class _Circuit:
     def _unknown(self, name):
         return self._places.setdefault(name, len(self._places) - 2)
 
-    def _add(self, each, coils):
-        if each.letter == "k":
-            one, other = each.controls
-            mutual = each.value * math.sqrt(coils[one] * coils[other])
+    def _add(self, element, coils):
+        if element.letter == "k":
+            one, other = element.controls
+            mutual = element.value * math.sqrt(coils[one] * coils[other])
             self._mutual += [(one, other, -mutual), (other, one, -mutual)]
             return
-        nodes = [self._unknown(node) for node in each.nodes]
-        row = self._branches.get(each.name, -1)
+        nodes = [self._unknown(node) for node in element.nodes]
+        row = self._branches.get(element.name, -1)
         if row >= 0:
             for node, sign in zip(nodes[:2], (1.0, -1.0), strict=True):
                 self._conductance += [(node, row, sign), (row, node, sign)]
-        if each.letter in "cl" and each.size is None:
-            raise ExpressionError(f"{each.name}: a value that changes")
-        if each.letter == "r":
-            self._between(self._conductance, nodes, nodes, 1.0 / each.size if each.size else 0.0)
-        elif each.letter == "c":
-            self._stores[each.name] = (*nodes, each.size)
-        elif each.letter == "l":
-            self._stores[each.name] = (row, -1, -each.size)
-        elif each.letter in "vi":
+        if element.letter in "cl" and element.size is None:
+            raise ExpressionError(f"{element.name}: a value that changes")
+        if element.letter == "r":
+            self._between(
+                self._conductance, nodes, nodes, 1.0 / element.size if element.size else 0.0
+            )
+        elif element.letter == "c":
+            self._stores[element.name] = (*nodes, element.size)
+        elif element.letter == "l":
+            self._stores[element.name] = (row, -1, -element.size)
+        elif element.letter in "vi":
             rows = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
-            self._steady += [(target, sign, each) for target, sign in rows]
-        elif each.letter == "d":
-            self._diodes.append((nodes, each))
-        elif each.letter in "sw":
-            control = nodes[2:] if each.letter == "s" else [self._branches[each.controls[0]], -1]
-            self.switches.append((each, nodes, control))
-        elif each.expression is not None:
-            self._add_expression(each, nodes, row)
-        elif each.letter in "egfh":
-            control = [self._branches[each.controls[0]], -1] if each.letter in "fh" else nodes[2:]
+            self._steady += [(target, sign, element) for target, sign in rows]
+        elif element.letter == "d":
+            self._diodes.append((nodes, element))
+        elif element.letter in "sw":
+            control = (
+                nodes[2:] if element.letter == "s" else [self._branches[element.controls[0]], -1]
+            )
+            self.switches.append((element, nodes, control))
+        elif element.expression is not None:
+            self._add_expression(element, nodes, row)
+        elif element.letter in "egfh":
+            control = (
+                [self._branches[element.controls[0]], -1] if element.letter in "fh" else nodes[2:]
+            )
             ends = [row, -1] if row >= 0 else nodes[:2]
-            gain = each.value * each.many
+            gain = element.value * element.many
             self._between(self._conductance, ends, control, -gain if row >= 0 else gain)
         else:
-            raise ExpressionError(f"{each.name}: a transistor")
+            raise ExpressionError(f"{element.name}: a transistor")
 
     @staticmethod
     def _between(entries, ends, controls, value):
@@ -256,25 +262,25 @@ class _Circuit:
             for column, other in zip(controls, (1.0, -1.0), strict=False):
                 entries.append((row, column, sign * other * value))
 
-    def _add_expression(self, each, nodes, row):
+    def _add_expression(self, element, nodes, row):
         def unknown_of(tree: Tree) -> int:
             return self._unknown(tree[1]) if tree[0] == "v" else self._branches[tree[1]]
 
         first = len(self._graph.rows)
-        last = self._graph.add(each.expression, unknown_of)
+        last = self._graph.add(element.expression, unknown_of)
         ends = ((row, -1.0),) if row >= 0 else ((nodes[0], 1.0), (nodes[1], -1.0))
-        many = each.many if row < 0 else 1.0
+        many = element.many if row < 0 else 1.0
         self._behavioural.append(([(row, sign * many) for row, sign in ends], first, last))
 
     def sources(self) -> Iterator[np.ndarray]:
         """Right-hand sides for two values of every source: the initial one and the opposite
         extreme.
         """
-        for which in range(2):
+        for variant in range(2):
             right = np.zeros(self.size)
             for row, sign, source in self._steady:
                 if row >= 0:
-                    right[row] += sign * _value(source, which)
+                    right[row] += sign * _value(source, variant)
             yield right
 
     def _currents(self, y, closed, slopes_too):
@@ -299,12 +305,12 @@ class _Circuit:
         shares = np.zeros(self._values.size)
         for ends, first, last in self._behavioural:
             self._compiled.slopes(self._rows, self._values, shares, first, last)
-            for place, sign in ends:
-                if place >= 0:
-                    current[place] += sign * self._values[last]
+            for row_index, sign in ends:
+                if row_index >= 0:
+                    current[row_index] += sign * self._values[last]
                     for k in range(first, last + 1):
                         if slopes_too and self._rows[k, 0] == 0:
-                            slope[place, self._rows[k, 1]] += sign * shares[k]
+                            slope[row_index, self._rows[k, 1]] += sign * shares[k]
         return current, slope if slopes_too else None
 
     def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
@@ -376,9 +382,9 @@ class _Circuit:
         return float(1.0 / np.abs(rates[counts]).max(initial=0.0)) if counts.any() else math.inf
 
 
-def _value(source, which):
+def _value(source, variant):
     """Initial value of a source (0), or its opposite extreme (1)."""
-    if source.wave is None or which == 0:
+    if source.wave is None or variant == 0:
         return source.first_value
     numbers = source.wave.numbers
     if source.wave.kind == "pwl":
@@ -386,10 +392,10 @@ def _value(source, which):
     return numbers[0] + numbers[1] if source.wave.kind in ("sin", "sffm") else numbers[1]
 
 
-def _diode(each, volts):
+def _diode(diode, volts):
     """Current and conductance of a diode."""
-    saturation = each.model.get("is", 1e-14) * each.get("area", 1.0) * each.many
-    swing = each.model.get("n", 1.0) * THERMAL_VOLTAGE
+    saturation = diode.model.get("is", 1e-14) * diode.get("area", 1.0) * diode.many
+    swing = diode.model.get("n", 1.0) * THERMAL_VOLTAGE
     exponent = volts / swing
     if exponent < LARGEST_EXPONENT:
         power = math.exp(max(exponent, -LARGEST_EXPONENT))

@@ -79,23 +79,23 @@ class SourceSchedule:
             if source.expression is not None:
                 for tree in _moving(with_sources(source.expression, potentials)):
                     element_of_tree.setdefault(tree, source)
-        self._found = element_of_tree
+        self._elements = element_of_tree
 
     def __bool__(self) -> bool:
-        return bool(self._found)
+        return bool(self._elements)
 
     def steps(self, step: float) -> Steps:
         """Plan a run's steps, for a grid with this step (s)."""
-        return Steps(self._found, step)
+        return Steps(self._elements, step)
 
 
 class Steps:
     """Plans a run's steps in successive intervals; see `SourceSchedule.steps`."""
 
-    def __init__(self, found: dict[Tree, Element], step: float) -> None:
-        self._found, self._step = found, step
-        self._least = {tree: math.inf for tree in found}
-        self._most = {tree: -math.inf for tree in found}
+    def __init__(self, elements: dict[Tree, Element], step: float) -> None:
+        self._elements, self._step = elements, step
+        self._least = {tree: math.inf for tree in elements}
+        self._most = {tree: -math.inf for tree in elements}
 
     def plan(self, first: int, count: int) -> Breakpoints:
         """The plan of `count` steps of the grid, from number `first` on.
@@ -158,7 +158,7 @@ class Steps:
         """Which intervals are short enough, and the element that needs most further halvings."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
-        for tree, source in self._found.items():
+        for tree, source in self._elements.items():
             values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
             finite = np.concatenate([value[np.isfinite(value)] for value in values])
             self._least[tree] = min(self._least[tree], finite.min(initial=math.inf))
@@ -183,8 +183,8 @@ def _merged(low, high):
     """Jumps, with adjacent ones merged and slightly widened, so that no step ends at a jump."""
     order = np.argsort(low)
     low, high = low[order], high[order]
-    apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
-    low, high = low[np.append(True, apart)], high[np.append(apart, True)]
+    separate = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
+    low, high = low[np.append(True, separate)], high[np.append(separate, True)]
     wider = 0.25 * (high - low)
     return low - wider, high + wider
 

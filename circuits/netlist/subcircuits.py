@@ -186,11 +186,11 @@ class UnknownParameter(NetlistError):
         return self.args[0]
 
 
-def _override(root, top, given, path):
+def _override(root, top, user_values, path):
     """Insert the user's values, and return the sub-circuit's parameters."""
     values = {}
     existing = {**root.local, **top.local, **top.parameters}
-    for key, value in given.items():
+    for key, value in user_values.items():
         name = key.lower()
         where = f"load.parameters.{key[:60]} = {value!r:.60}"
         if name not in existing:

@@ -56,27 +56,27 @@ def unbooked(elements: Iterable[Element]) -> tuple[str, ...]:
     )
 
 
-def _may_supply(each: Element) -> bool:
-    return each.delivers or (each.letter in "efghb" and each.written_letter not in "rsw")
+def _may_supply(element: Element) -> bool:
+    return element.delivers or (element.letter in "efghb" and element.written_letter not in "rsw")
 
 
-def _current(each: Element) -> Tree | None:
+def _current(element: Element) -> Tree | None:
     """The current from the first node to the second, as an expression; None if unknown."""
-    if each.letter == "v" or each.voltage:
-        return ("i", each.name)
+    if element.letter == "v" or element.voltage:
+        return ("i", element.name)
     tree: Tree
-    if each.expression is not None:
-        tree = each.expression
-    elif each.letter == "i":
-        if each.wave and not has_tree(each.wave):
+    if element.expression is not None:
+        tree = element.expression
+    elif element.letter == "i":
+        if element.wave and not has_tree(element.wave):
             return None
-        tree = wave_tree(each.wave) if each.wave else ("number", each.value)
+        tree = wave_tree(element.wave) if element.wave else ("number", element.value)
     else:
-        control = ("i", *each.controls) if each.controls else ("v", *each.nodes[2:4])
-        tree = ("*", ("number", each.value), control)
+        control = ("i", *element.controls) if element.controls else ("v", *element.nodes[2:4])
+        tree = ("*", ("number", element.value), control)
     if any(leaf[0] == "call" for leaf in leaves(tree)):
         return None
-    return ("*", ("number", each.many), tree)
+    return ("*", ("number", element.many), tree)
 
 
 def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:

@@ -183,6 +183,6 @@ def read_part(card: Card) -> Part:
     if letter in "fhw":
         return Part(name, nodes, tuple(remainder[:1]), " ".join(remainder[1:]))
     value = " ".join(remainder)
-    asked = solutions(value.lower()) if letter in "beg" else ()
-    control = dict.fromkeys(node for kind, pair in asked if kind == "v" for node in pair)
+    controls = solutions(value.lower()) if letter in "beg" else ()
+    control = dict.fromkeys(node for kind, pair in controls if kind == "v" for node in pair)
     return Part(name, nodes, tuple(control), value)

@@ -129,10 +129,10 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
     return root
 
 
-def _once(card, known, what, name):
+def _once(card, defined, what, name):
     """Raise for a name defined twice: ngspice releases differ in which definition counts."""
-    if name in known:
-        refuse(card, f"{what[:60]} is defined twice, first at {known[name][0].where}: keep one")
+    if name in defined:
+        refuse(card, f"{what[:60]} is defined twice, first at {defined[name][0].where}: keep one")
 
 
 def _opened(outer, card, rest):

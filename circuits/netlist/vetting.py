@@ -95,14 +95,16 @@ class Line:
     Attributes
     ----------
     words : all words after name and nodes, as written to a netlist.
-    values : of R, C, L in their order, `bare` those without a key; the gain of a controlled source
-        or K; of Q and J the values after the model; of a source its constants.
+    values : values of R, C, L in their order; the gain of a controlled source or K; values of Q and
+        J after the model; constants of a source.
+    bare : those of `values` without a key.
     controls : sources or coils that control it.
     models : names of its models; only R, C and L may have several, rejected later.
     named : name=value settings.
     flags : "on" or "off".
     waves : kind and numbers of each waveform of a source.
-    expression : of a B, or of E and G with value=; `voltage` : whether the element sets a voltage.
+    expression : expression of a B, or of E and G with value=.
+    voltage : whether the expression sets a voltage.
     calls : sub-circuit of an X.
     """
 
@@ -411,7 +413,7 @@ def _source(line, rest, scope):
     """Constants and waveforms with their numbers; values of ac are ignored."""
     card = line.card
     # A number belongs to the preceding waveform, "dc" or "ac" (two numbers), or is a constant.
-    place, skipped = line.values, 0
+    target, skipped = line.values, 0
     tokens = _SOURCE_WORD.findall(" ".join(rest))
     after = dict(pairwise([k for k, word in enumerate(tokens) if word not in "(),"]))
     for k, word in enumerate(tokens):
@@ -422,17 +424,17 @@ def _source(line, rest, scope):
             refuse(card, f"{line.name}: dc without a value")
         elif word in WAVEFORMS:
             line.words.append(word)
-            place, skipped = line.values, 2 if word == "ac" else 0
+            target, skipped = line.values, 2 if word == "ac" else 0
             if word not in ("dc", "ac"):
-                place = []
-                line.waves.append((word, place))
+                target = []
+                line.waves.append((word, target))
         elif "=" in word and word[0] != "{":
             match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
             if not match:
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
             key, value = match.group(1), check_value(card, match.group(2), scope)
             line.words.append(f"{key}={value}")
-            place, skipped = line.values, 0
+            target, skipped = line.values, 0
             if key == "dc":
                 line.values.append(value)
             elif key != "ac":
@@ -443,7 +445,7 @@ def _source(line, rest, scope):
         else:
             line.words.append(check_value(card, word, scope))
             if not skipped:
-                place.append(line.words[-1])
+                target.append(line.words[-1])
             skipped = max(skipped - 1, 0)
 
 

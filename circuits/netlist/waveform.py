@@ -57,7 +57,7 @@ class Waveform(NamedTuple):
         return first[0]
 
 
-def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
+def waveform(kind: str, values: Sequence[float], delay: float = 0.0) -> Waveform:
     """A waveform of these numbers; `delay` shifts a "pwl".
 
     Raises
@@ -68,14 +68,14 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
     kind = SAME.get(kind, kind)
     if kind == "am":
         raise ExpressionError("am differs between ngspice 39 and 46: write a B source")
-    fits = len(given) in KINDS[kind] and (kind != "pwl" or len(given) % 2 == 0)
+    fits = len(values) in KINDS[kind] and (kind != "pwl" or len(values) % 2 == 0)
     if not fits:
-        raise ExpressionError(f"{kind} with {len(given)} numbers: write {_FORMS[kind]}")
-    numbers = [*map(float, given)]
+        raise ExpressionError(f"{kind} with {len(values)} numbers: write {_FORMS[kind]}")
+    numbers = [*map(float, values)]
     check = {"pulse": _pulse, "sin": _sine, "exp": _exponential, "pwl": _lines}.get(kind)
     if check and not check(numbers, delay):
         raise ExpressionError(
-            f"{kind}({' '.join(f'{each:g}' for each in given[:8])}): the effect of a time "
+            f"{kind}({' '.join(f'{value:g}' for value in values[:8])}): the effect of a time "
             f"≤ 0 or out of order depends on ngspice's release: write {_FORMS[kind]}"
         )
     return Waveform(kind, tuple(numbers))

@@ -57,7 +57,7 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     another SPICE, or if an initial value must be given.
     """
     named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
-    asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
+    operands = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
     definitions = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
     # A parameter that equals ngspice's constant of the same name is harmless.
@@ -73,7 +73,7 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
         or starts(elements)
         or called & ELSEWHERE_ALONE
         or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
-        or (asked & {*CONSTANTS} - {"temper"}) - named
+        or (operands & {*CONSTANTS} - {"temper"}) - named
     )
 
 
@@ -101,39 +101,39 @@ def _number(value):
     return str(int(value)) if is_whole else repr(float(value))
 
 
-def _line(each, names):
-    words = [element_name(each.letter, each.name), *map(node_name, each.nodes)]
-    words += [current_name(name) for name in each.controls]
-    numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
-    if each.expression is not None:
-        return " ".join([*words, *_by_expression(each)])
-    if each.wave is not None:
-        inside = " ".join(map(_number, each.wave.numbers))
-        return " ".join([*words, f"{each.wave.kind}({inside})"])
-    if each.model is not None:
-        words.append(names[each.model[1:]])
-    elif each.letter in "vi":
-        words.append(f"dc {_number(each.value)}")
-    elif each.letter in "rcl":
-        words.append(f"{each.letter}={_number(each.value)}")
-    elif each.letter == "k":
-        words.append(_number(each.value))
+def _line(element, names):
+    words = [element_name(element.letter, element.name), *map(node_name, element.nodes)]
+    words += [current_name(name) for name in element.controls]
+    numbers = [f"{key}={_number(value)}" for key, value in element.numbers]
+    if element.expression is not None:
+        return " ".join([*words, *_by_expression(element)])
+    if element.wave is not None:
+        inside = " ".join(map(_number, element.wave.numbers))
+        return " ".join([*words, f"{element.wave.kind}({inside})"])
+    if element.model is not None:
+        words.append(names[element.model[1:]])
+    elif element.letter in "vi":
+        words.append(f"dc {_number(element.value)}")
+    elif element.letter in "rcl":
+        words.append(f"{element.letter}={_number(element.value)}")
+    elif element.letter == "k":
+        words.append(_number(element.value))
     else:
         # ngspice multiplies the gain of a controlled source by `m`.
-        return " ".join([*words, _number(each.value * each.many)])
-    return " ".join([*words, *numbers, *each.flags])
+        return " ".join([*words, _number(element.value * element.many)])
+    return " ".join([*words, *numbers, *element.flags])
 
 
-def _by_expression(each):
-    text = said(each.expression)
-    if each.letter in "cl":
-        numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
-        return [f"{each.letter}='{text}'", *numbers]
-    if each.many != 1.0:
-        text = f"({text})*{_number(each.many)}"
-    if each.letter == "b":
-        return [f"{'v' if each.voltage else 'i'}={text}"]
-    return [f"{'vol' if each.voltage else 'cur'}='{text}'"]
+def _by_expression(element):
+    text = said(element.expression)
+    if element.letter in "cl":
+        numbers = [f"{key}={_number(value)}" for key, value in element.numbers]
+        return [f"{element.letter}='{text}'", *numbers]
+    if element.many != 1.0:
+        text = f"({text})*{_number(element.many)}"
+    if element.letter == "b":
+        return [f"{'v' if element.voltage else 'i'}={text}"]
+    return [f"{'vol' if element.voltage else 'cur'}='{text}'"]
 
 
 def said(tree: Tree) -> str:

@@ -76,55 +76,56 @@ BUFFER_FULL, WINDOW_ENDS, PLAN_ENDS = 0, 1, 2
 STATE = np.dtype(
     [
         ("service", np.int64),  # address of a C function int (int reason)
-        ("copies", np.int64),  # of the device in the netlist, each with its own noise
-        ("points", np.int64),  # that the buffer holds
-        ("knots", np.int64),  # that the window holds
-        ("time_vector", np.int64),  # its place among ngspice's vectors
+        ("copies", np.int64),  # copies of the device in the netlist, each with separate noise
+        ("points", np.int64),  # capacity of the buffer
+        ("knots", np.int64),  # capacity of the window of noise
+        ("time_vector", np.int64),  # index of the time in ngspice's vectors
         # Addresses of arrays:
-        ("columns", np.int64),  # COLUMNS and what follows
-        ("vectors", np.int64),  # int64 (copies, columns): place of each column, or −1
+        ("columns", np.int64),  # COLUMNS, measured and watched unknowns
+        ("vectors", np.int64),  # int64 (copies, columns): index of each vector, or −1
         ("times", np.int64),  # float64 (points,)
         ("buffer", np.int64),  # float64 (copies, points, columns)
-        ("window", np.int64),  # float64 (copies, knots), over ω²
+        ("window", np.int64),  # float64 (copies, knots): noise over ω²
         ("count", np.int64),  # points written
         ("steps", np.int64),
-        ("spacing", np.float64),  # of the knots
-        ("first_knot", np.int64),  # of the window
+        ("spacing", np.float64),  # time between knots (s)
+        ("first_knot", np.int64),  # index of the window's first knot
         ("steps_per_sample", np.int64),  # 0: ngspice chooses its steps
         ("steps_per_contact", np.int64),
-        ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
-        ("system", np.int64),  # address of the numbers of a System, one after another
-        ("free", np.float64, (2,)),  # between which no contact acts
-        ("state_scale", np.float64),  # scaled state of the transducer for one volt or ampere
+        ("local_error", np.int64),  # whether ngspice's step is used if it is shorter
+        ("system", np.int64),  # address of the numbers of a System
+        ("free", np.float64, (2,)),  # limits of X without contact
+        ("state_scale", np.float64),  # the transducer's scaled state per volt or ampere
         ("landing", np.float64),  # see `harvester.device.system.resolving_step`
         ("rate", np.float64),
         # Watched quantities of the load, see `circuits.ngspice.load_steps`. The last three are
         # addresses.
-        ("first_watched", np.int64),  # its first column
+        ("first_watched", np.int64),  # index of the first watched column
         ("switch_count", np.int64),
         ("store_count", np.int64),
         ("switches", np.int64),
         ("stores", np.int64),
         ("memory", np.int64),  # float64 (copies, switches + 1)
-        ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
-        ("least_energy", np.float64),  # twice that which does not count (J)
+        ("capacitance", np.float64),  # twice the energy per squared terminal voltage (F)
+        ("least_energy", np.float64),  # twice the negligible energy (J)
         ("turn", np.float64),  # see `circuits.netlist.load_watch.Watch` (s)
-        ("pace", np.float64),  # of the motion's clock, for steps of the grid
-        ("line", np.float64),  # at which the motion is to be exact (rad/s); 0: none
-        ("push", np.int64),  # address of float64 (copies,): acceleration at the latest point
-        ("slowed", np.float64),  # at the latest point, see `_slowed`
-        ("owed", np.float64),  # time by which the clock is still fast (s)
-        ("settling", np.float64),  # longest step after the excitation bends; 0: any (s)
-        ("refinement", np.float64),  # of the steps against the default ones
-        # The load's breakpoints: `circuits.netlist.source_schedule`. The last ones are addresses.
-        ("planned_to", np.float64),  # infinite where it does nothing (s)
+        ("pace", np.float64),  # pre-warping factor of the motion's time
+        ("line", np.float64),  # frequency of exact motion (rad/s); 0: none
+        ("push", np.int64),  # address of float64 (copies,): latest acceleration
+        ("slowed", np.float64),  # value of `_slowed` at the latest point
+        ("owed", np.float64),  # remaining time correction (s)
+        ("settling", np.float64),  # longest step after a knot (s); 0: no limit
+        ("refinement", np.float64),  # divisor of the default step
+        # The load's breakpoints: `circuits.netlist.source_schedule`. The last three `planned_…` are
+        # addresses.
+        ("planned_to", np.float64),  # end of the plan (s); infinite without one
         ("planned_count", np.int64),
         ("planned_place", np.int64),
         ("planned_ends", np.int64),
         ("planned_longest", np.int64),
         ("planned_jumps", np.int64),
-        ("jumped", np.float64),  # when it jumped last (s)
-        ("jump_width", np.float64),  # within which (s)
+        ("jumped", np.float64),  # time of the latest jump (s)
+        ("jump_width", np.float64),  # duration of the latest jump (s)
     ],
     align=True,
 )

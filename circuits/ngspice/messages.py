@@ -67,7 +67,7 @@ def refusal(lines: list[Any]) -> str:
         return ""
     # The element's model precedes the error.
     start = max(first - 2, 0) if _IGNORED.fullmatch(lines[first].strip()) else first
-    return _told(lines[start:])
+    return _as_message(lines[start:])
 
 
 def abortion(lines: Sequence[str]) -> str:
@@ -77,7 +77,7 @@ def abortion(lines: Sequence[str]) -> str:
         for line in lines
         if any(form.match(line.strip()) for form in (_FAULT, _MISSING, _ENDED, _SINGULAR, _SUBJECT))
     ]
-    return _told(reasons)
+    return _as_message(reasons)
 
 
 def advice(reason: str, drives_current: bool) -> str:
@@ -96,7 +96,7 @@ def advice(reason: str, drives_current: bool) -> str:
     return _CHATTER if _AT_SWITCH.search(reason) else ""
 
 
-def _told(lines):
+def _as_message(lines):
     """Summarize ngspice's messages in one line: the element, then the reasons."""
     subject, reasons = "", {}
     for line in map(str.strip, lines):

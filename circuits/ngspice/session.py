@@ -369,7 +369,7 @@ class Session(NgSpiceShared):
             source = chattering.found(self._times[:count], self._buffer[0, :count])
             if source and not done.is_set():
                 self._doing = f"stopped at t = {latest:g}"
-                give_up(LoadChatters(self._said(f"{source} chatters: {SOURCE_CURE}")))
+                give_up(LoadChatters(self._in_context(f"{source} chatters: {SOURCE_CURE}")))
             growth = self._unbounded(latest, self._buffer[:, :count])
             if growth and not done.is_set():
                 give_up(SimulatorAborted(growth))
@@ -381,14 +381,14 @@ class Session(NgSpiceShared):
                 trouble = f"{STALLED}; {cause}"
                 if self.circuit_load and (jumping := jumping_sources(self.circuit_load.elements)):
                     trouble += f"; look at {', '.join(source.place for source in jumping[:3])}"
-                give_up(SimulatorAborted(self._said(trouble)))
+                give_up(SimulatorAborted(self._in_context(trouble)))
 
     def _unbounded(self, latest, nodes):
         """Message on a load whose voltage grows without bound; empty for others."""
         if np.abs(nodes[:, :, callbacks.TERMINAL]).max(initial=0.0) <= LARGEST_VOLTAGE:
             return ""
         self._doing = f"stopped at t = {latest:g}"
-        return self._said(f"{RUNAWAY}{suspicion(self.circuit_load)}")
+        return self._in_context(f"{RUNAWAY}{suspicion(self.circuit_load)}")
 
     def _move_window(self):
         """Discard past knots and read an equal number of new ones."""
@@ -407,7 +407,7 @@ class Session(NgSpiceShared):
         self._ngspice_shared.ngSpice_Circ(ffi.new("char *[]", [*lines, ffi.NULL]))
         trouble = messages.refusal(self.errors)
         if trouble:
-            raise SimulatorAborted(self._said(trouble))
+            raise SimulatorAborted(self._in_context(trouble))
         self._doing = "stopped"
         self._announce("was running the netlist")
 
@@ -423,9 +423,9 @@ class Session(NgSpiceShared):
         advice = messages.advice(reason, self._netlist.drives_current)
         advice = advice or suspicion(self.circuit_load)
         failed = messages.fails_to_converge(reason) and not advice
-        return (NotConverged if failed else SimulatorAborted)(self._said(reason + advice))
+        return (NotConverged if failed else SimulatorAborted)(self._in_context(reason + advice))
 
-    def _said(self, trouble):
+    def _in_context(self, trouble):
         """ngspice's error messages, with names from the load's files."""
         trouble = messages.with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
@@ -466,4 +466,4 @@ class Session(NgSpiceShared):
     def _exited(self, status, immediate, quit_requested, identity, user):
         """Callback for ngspice's exit: end this process with ngspice's messages as the error."""
         words = messages.refusal(self.errors) or messages.abortion(self.errors)
-        give_up(SimulatorAborted(self._said(words)))
+        give_up(SimulatorAborted(self._in_context(words)))

@@ -180,8 +180,8 @@ def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 
 @intrinsic
-def _add_multiple(typingctx, target, here, factor, source, there):
-    """target[here + n] += factor · source[there + n] for all lanes n, at once."""
+def _add_multiple(typingctx, target, to_index, factor, source, from_index):
+    """target[to_index + n] += factor · source[from_index + n] for all lanes n, at once."""
 
     def generate(context, builder, signature, arguments):
         to, target_index, factor, of, source_index = arguments
@@ -204,7 +204,7 @@ def _add_multiple(typingctx, target, here, factor, source, there):
         builder.store(total, into, align=bytes_apart)
         return context.get_dummy_value()
 
-    return types.void(target, here, factor, source, there), generate
+    return types.void(target, to_index, factor, source, from_index), generate
 
 
 @summing

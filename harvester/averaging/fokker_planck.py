@@ -121,7 +121,7 @@ def outline(device: System) -> GridDensity:
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
-        return _found(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
+        return _region_and_density(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
 
 
 def _check(device):
@@ -145,8 +145,8 @@ def _check(device):
     rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / period(device)
     if rate > fastest:
         raise AveragingError(
-            f"decay_rate={rate:g} is beyond the {fastest:.3g} /s that fokker_planck has steps "
-            "for: simulate"
+            f"decay_rate={rate:g} exceeds {fastest:.3g} /s, the limit for the steps of "
+            "fokker_planck: simulate"
         )
 
 
@@ -213,12 +213,15 @@ def _refined(task, share=1.0):
 
 def _first(task, tolerance):
     """The solution on the first grid for the answer, after the region has been found."""
-    region, rough = _found(task)
+    region, rough = _region_and_density(task)
     region.check(task.device)
-    asked, solved = (part.decay_rate() for part in (task.transducer, task.device.transducer))
-    if asked < rough.means.get("well_crossing_rate", 0.0) < FARTHER * solved and asked < solved:
+    requested, solved = (part.decay_rate() for part in (task.transducer, task.device.transducer))
+    if (
+        requested < rough.means.get("well_crossing_rate", 0.0) < FARTHER * solved
+        and requested < solved
+    ):
         raise AveragingError(
-            f"decay_rate={asked:g}: jumps between the wells are as slow as the {solved:.3g} /s "
+            f"decay_rate={requested:g}: jumps between the wells are as slow as the {solved:.3g} /s "
             "from which fokker_planck continues its means: simulate"
         )
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
@@ -226,19 +229,19 @@ def _first(task, tolerance):
     return Solution(task, region, level, rough)
 
 
-def _refine(grids, respect, known=None):
+def _refine(grids, respect, largest=None):
     """Add a solution on a grid with more "steps", "nodes" or "charges" than the last of `grids`.
 
-    `known` is (name of a mean, its relative error so far), for the message.
+    `largest` is (name of a mean, its relative error so far), for the message.
     """
     last = grids[respect][-1]
     try:
         level = last.level.more(respect)
         finer = Solution(last.task, last.region, level, last)
     except AveragingError as refusal:
-        if known is None:
+        if largest is None:
             raise
-        name, share = known
+        name, share = largest
         raise AveragingError(
             f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
             f"{last.level.tolerance:g}, on the finest grid: raise the tolerance, or "
@@ -253,7 +256,7 @@ def _refine(grids, respect, known=None):
     grids[respect].append(finer)
 
 
-def _found(task):
+def _region_and_density(task):
     """Region of the density, and the density on a coarse grid.
 
     If hardly any motion leaves the wells, the grid covers one of them, which represents all.
@@ -319,10 +322,10 @@ def _compared(grids, find):
     return rates, {name: sum(changes[name] for changes in errors.values()) for name in rates}
 
 
-def _summed(values, taken, doubted):
+def _summed(values, corrected, doubted):
     """The means, summed from the first grid and the changes on finer ones, with their errors.
 
-    `taken` is the share of each refinement's last change that is added; `doubted` is the share
+    `corrected` is the share of each refinement's last change that is added; `doubted` is the share
     stated as error.
     """
     means, errors = dict(values["nodes"][0]), {}
@@ -330,7 +333,7 @@ def _summed(values, taken, doubted):
         first, before, last = grids[0], grids[max(len(grids) - 2, 0)], grids[-1]
         change = {name: last[name] - before[name] for name in means}
         for name in means:
-            means[name] += last[name] - first[name] + taken.get(respect, 0.0) * change[name]
+            means[name] += last[name] - first[name] + corrected.get(respect, 0.0) * change[name]
         errors[respect] = {name: doubted[respect] * abs(shift) for name, shift in change.items()}
     return means, errors
 

@@ -106,8 +106,8 @@ class GridDensity:
         """Evenly spaced positions over a density's range; by default spaced like its nodes."""
         far = np.abs(nodes).max()
         low, high = (-far, far) if self.paired else (nodes[0], nodes[-1])
-        apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)
-        return np.linspace(low, high, count or 1 + round((high - low) / apart))
+        spacing = (nodes[-1] - nodes[0]) / (nodes.size - 1)
+        return np.linspace(low, high, count or 1 + round((high - low) / spacing))
 
     def _either_side(self, spline, *places):
         """Evaluate a density; two symmetric wells get half each; 0 beyond the nodes."""

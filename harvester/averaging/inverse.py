@@ -121,11 +121,11 @@ class Inverse:
             "simulate"
         )
 
-    def _take(self, left, solution, which):
+    def _take(self, left, solution, selected):
         """Project a residual `left` onto some directions; add their part to `solution` in place."""
-        along = self._changes[which] @ left.astype(KEPT)
-        left -= along @ self._changes[which]
-        solution += along @ self._directions[which]
+        along = self._changes[selected] @ left.astype(KEPT)
+        left -= along @ self._changes[selected]
+        solution += along @ self._directions[selected]
 
     def _near(self, rest):
         """Preconditioner: an approximate solution for a residual, from the coarser grid."""

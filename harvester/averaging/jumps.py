@@ -38,8 +38,8 @@ MOST_WORK = 2e8
 PARTS_OF_NODE = 5
 
 
-class _Found:
-    """Results on one grid, with the remaining budget of work.
+class _RateSolver:
+    """Computes rates on one grid, within a budget of work.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class _Found:
         Inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
-    def __init__(self, solution: Solution, coarser: _Found | None) -> None:
+    def __init__(self, solution: Solution, coarser: _RateSolver | None) -> None:
         self.solution, self.coarser, self.left = solution, coarser, MOST_WORK
         self.inverses: dict[float, Inverse] = {}
 
@@ -65,7 +65,7 @@ class _Found:
         return inverse
 
 
-class _SlowestDecay(_Found):
+class _SlowestDecay(_RateSolver):
     """The slowest decaying state after the stationary one, and its rate."""
 
     state: np.ndarray
@@ -102,7 +102,7 @@ class _SlowestDecay(_Found):
         """
         self.state = self._start = self.state / self._part(self.state)
         allowed = tolerance * float(np.linalg.norm(self._start))
-        inverse = self.inverse(self._beside, parity, self.decayed)
+        inverse = self.inverse(self._later_remainder, parity, self.decayed)
         self.state = inverse.settled(self._start, self._left, allowed)
         return float(np.linalg.norm(self._left(self.state)) / np.linalg.norm(self.state))
 
@@ -119,7 +119,7 @@ class _SlowestDecay(_Found):
             state = state - state[:, :, 0].sum() * self.solution.state
         return state
 
-    def _beside(self, change):
+    def _later_remainder(self, change):
         """A change of the state one period later, corrected so that its sum over the signs is 0."""
         change = self._later(change, self._single)
         return change - self._part(change) * self._start
@@ -149,7 +149,7 @@ class _SlowestDecay(_Found):
         return np.real(vectors[:, 0]).reshape(shape), values[0].real
 
 
-class _Jumps(_Found):
+class _Jumps(_RateSolver):
     """Mass by the well whose core it last visited, and the part of it that jumps.
 
     The stationary mass p is split: q_w = outside · P q_w + core_w · p for a step P. The mass of P

@@ -142,7 +142,7 @@ class OrbitFamily:
     Before it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
     distance d slows the mass. Beyond it x grows as sin² θ.
 
-    `level`, `added`: levels, evenly spaced and ascending where they are integrated over, and N2.
+    `level`: levels, evenly spaced and ascending if they are integrated over; `added`: N2.
 
     Attributes
     ----------

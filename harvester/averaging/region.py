@@ -293,8 +293,8 @@ def _turning(device, start, side, energy):
     """Turning point of a motion with this energy on one side of a well, at constant charge."""
     coupling = getattr(device.transducer, "coupling", 0.0)
 
-    def spare(away):
-        level = float(potential(device, start + side * away)) + 0.5 * coupling * away**2
+    def spare(distance):
+        level = float(potential(device, start + side * distance)) + 0.5 * coupling * distance**2
         return level - energy
 
     far = np.sqrt(energy - float(potential(device, start))) / timescales.angular_frequency(device)
@@ -322,6 +322,6 @@ def _widths(nodes, density):
     return narrow, min(narrow, sides[1].min() / 3.0)
 
 
-def _first(found):
+def _first(flags):
     """Index of the first True; the last index if there is none."""
-    return int(found.argmax()) if found.any() else found.size - 1
+    return int(flags.argmax()) if flags.any() else flags.size - 1

@@ -63,8 +63,8 @@ class StationaryProblem:
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
-                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise it, "
-                "or simulate"
+                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise the "
+                "tolerance, or simulate"
             )
         self.left -= work
 
@@ -128,8 +128,8 @@ class Solution:
     def unresolved(self) -> bool:
         """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
         energy = 0.5 * max(self.means["mean_square_velocity"], 0.0)
-        apart = self.grid.x[1] - self.grid.x[0]
-        return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
+        spacing = self.grid.x[1] - self.grid.x[0]
+        return any(stop.law.greatest_depth(energy) < spacing for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
         """Iterate from `start` until a period changes at most this share of the state."""

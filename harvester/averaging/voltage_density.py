@@ -42,10 +42,10 @@ def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np
 
     `mass`: mass at the nodes of (X, Z, X'), with sum 1.
     """
-    away = grid.x[:, None] - grid.z
+    charges = grid.x[:, None] - grid.z
     along = mass.sum(axis=2)
-    mean = float(np.sum(along * away))
-    spread, fourth = (float(np.sum(along * (away - mean) ** power)) for power in (2, 4))
+    mean = float(np.sum(along * charges))
+    spread, fourth = (float(np.sum(along * (charges - mean) ** power)) for power in (2, 4))
     for find in (_of_normals, _of_greatest_entropy):
         charge, density = find(grid, mass)
         density = density / np.trapezoid(density, charge)
@@ -72,8 +72,8 @@ def _of_normals(grid, mass):
     charge = np.linspace((centre - tail).min(), (centre + tail).max(), VALUES)
     density = np.zeros(charge.size)
     for part in np.array_split(np.arange(centre.size), 1 + centre.size // NORMALS_AT_A_TIME):
-        away = (charge - centre[part, None]) / spread[part, None]
-        density += (held[part] / spread[part]) @ np.exp(-0.5 * away**2)
+        deviation = (charge - centre[part, None]) / spread[part, None]
+        density += (held[part] / spread[part]) @ np.exp(-0.5 * deviation**2)
     return charge, density
 
 
@@ -95,9 +95,9 @@ def _of_greatest_entropy(grid, mass):
     return charge, np.maximum(map_coordinates(shares, [row, column]), 0.0).sum(axis=1)
 
 
-def _polynomials(place, degree):
+def _polynomials(x, degree):
     """Legendre polynomials from degree 1 on, of mean square 1: (points, degree)."""
-    return legvander(place, degree)[:, 1:] * np.sqrt(2.0 * np.arange(1, degree + 1) + 1.0)
+    return legvander(x, degree)[:, 1:] * np.sqrt(2.0 * np.arange(1, degree + 1) + 1.0)
 
 
 def _greatest_entropy(polynomials, moments):

@@ -54,7 +54,7 @@ def _is_limited():
         if limit is None:
             continue
         limited = True
-        if limit - _taken(line) < needed:
+        if limit - _used_memory(line) < needed:
             raise MemoryError(
                 f"the libraries need {needed >> 20} MB more of {words} than Python itself, and "
                 f"the limit is {limit >> 20} MB; raise it"
@@ -72,7 +72,7 @@ def _limit(name):
     return None if soft == resource.RLIM_INFINITY else soft
 
 
-def _taken(line):
+def _used_memory(line):
     """Memory used by this process (bytes); 0 if the system does not report it."""
     with contextlib.suppress(OSError):
         match = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())

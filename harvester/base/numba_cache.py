@@ -84,8 +84,8 @@ def unpickled(content: bytes, path: str) -> Any:
 
 def _say_damage(path: str) -> None:
     """Report a damaged file: one line on standard error, once in each process."""
-    if not _said:
-        _said.append(path)
+    if not _reported:
+        _reported.append(path)
         print(
             f"harvester: {path}: the compiled code is damaged, or other users can change it; it is "
             "compiled again",
@@ -93,7 +93,7 @@ def _say_damage(path: str) -> None:
         )
 
 
-_said: list[str] = []
+_reported: list[str] = []
 # Called with the path of a damaged file. A worker process passes it on to its caller.
 on_damage: Callable[[str], None] = _say_damage
 # Called with 1 as a compilation begins and with -1 as it ends; nothing happens here. A worker

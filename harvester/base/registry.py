@@ -24,8 +24,8 @@ class Registry(UserDict[str, Part]):
     hundredths of a second, and loading one imports another package.
     """
 
-    def __init__(self, group: str, own: Mapping[str, Part]) -> None:
-        super().__init__(own)
+    def __init__(self, group: str, built_in: Mapping[str, Part]) -> None:
+        super().__init__(built_in)
         self._group = group
 
     def __missing__(self, name: Any) -> Part:

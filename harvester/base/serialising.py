@@ -128,6 +128,6 @@ def values_of(kind: Any, content: Any, where: str) -> dict[str, Any]:
     return values
 
 
-def _require(fits, value, where, what):
+def _require(fits, value, where, expected):
     if not fits:
-        raise NotAValue(f"{where} = {shown(value)}: must be {what}")
+        raise NotAValue(f"{where} = {shown(value)}: must be {expected}")

@@ -200,6 +200,6 @@ def _read_answers(stream, answers):
     while True:
         try:
             answers.put(pickle.load(stream))
-        except Exception:  # cut short, or no memory for it
+        except Exception:  # incomplete, or out of memory
             answers.put(("ended", None))
             return

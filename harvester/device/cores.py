@@ -42,10 +42,10 @@ def cores_within(system: System) -> tuple[float, float]:
     highest = float(core_energies(system).max())
     ends = []
     for outermost, saddle in ((min(wells), min(saddles)), (max(wells), max(saddles))):
-        away = outermost - saddle
-        while float(potential(system, outermost + away)) <= highest:
-            away *= 2.0
-        ends.append(outermost + away)
+        distance = outermost - saddle
+        while float(potential(system, outermost + distance)) <= highest:
+            distance *= 2.0
+        ends.append(outermost + distance)
     return ends[0], ends[1]
 
 

@@ -87,13 +87,15 @@ class Network(NamedTuple):
     elements : tuple of Component
     power_unit
         Scaled power per watt.
-    reference_capacitance : F, large compared with stray capacitances of a load. state_voltage,
-    state_current
+    reference_capacitance : F, large compared with stray capacitances of a load.
+    state_voltage, state_current
         Node whose voltage, or name of the ammeter whose current, is the state; both empty without a
         state.
     state_unit
-        Volts or amperes of one scaled state. current_per_ampere Value of `current` in the equations
-        at one ampere into the load; 0 if it is not used, else every load has the ammeter.
+        Volts or amperes of one scaled state.
+    current_per_ampere
+        Value of `current` in the equations at one ampere into the load; 0 if it is not used, else
+        every load has the ammeter.
     """
 
     terminal: str

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 # The default step resolves motion up to this energy, in units of the mean-square velocity E[X'²].
-# The density of the energy falls as exp(−H/E[X'²]), so that the energy is higher for under 1 % of
-# the time.
+# The density of the energy falls as exp(−H/E[X'²]), so the energy exceeds this limit for less than
+# 1 % of the time.
 RESOLVED_ENERGY = 5.0
 # Points of the search for equilibria, and nodes of the describing function, which is exact up to
 # the seventh power.

@@ -202,7 +202,7 @@ def _arrays(content):
         if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError("too large")
         if any(member.compress_type not in plain for member in members):
-            raise ValueError("compressed in another way")
+            raise ValueError("unsupported compression")
         for member in members:
             arrays[member.filename.removesuffix(".npy")] = _array(file.read(member))
     return arrays
@@ -214,6 +214,6 @@ def _array(content):
     shape, _, kind = np.lib.format.read_array_header_1_0(file)
     # Memory is allocated only if the file holds as many bytes as the shape says.
     if kind.kind not in "biufU" or math.prod(shape) * kind.itemsize != len(content) - file.tell():
-        raise ValueError("absurd shape")
+        raise ValueError("shape and size disagree")
     file.seek(0)
     return np.lib.format.read_array(file, allow_pickle=False)

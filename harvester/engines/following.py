@@ -208,12 +208,12 @@ def neighbours(
     if scene.load.is_resistor:
         states = samples[members, :, :STATE].reshape(-1, STATE)
         begin = states[np.linspace(0, len(states) - 1, PAIRS).astype(int)]
-        apart = NEIGHBOURS
+        distance = NEIGHBOURS
     else:
         begin = starts[members[np.linspace(0, members.size - 1, PAIRS).astype(int)]]
-        apart = NEIGHBOURS_NETLIST
+        distance = NEIGHBOURS_NETLIST
     near = begin.copy()
-    near[:, 0] += apart * scale[0]
+    near[:, 0] += distance * scale[0]
     return np.concatenate([begin, near]), scale
 
 

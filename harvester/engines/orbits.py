@@ -202,12 +202,12 @@ def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Fol
 
 def note_on_repeats(prepared_scene: Prepared) -> tuple[str, ...]:
     """A note that realizations with identical results are run only once; empty under noise."""
-    count, asked = distinct_realizations(prepared_scene), prepared_scene.scene.run.realizations
-    if count == asked:
+    count, requested = distinct_realizations(prepared_scene), prepared_scene.scene.run.realizations
+    if count == requested:
         return ()
     starts = "there is one" if count == 1 else f"there are {count}, one in each well"
     return (
-        f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
+        f"run.realizations = {requested}: the excitation is deterministic, so that realizations "
         f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
         "others",
     )

@@ -111,10 +111,10 @@ def result_of(
     )
 
 
-def _density_notes(found, shapes):
+def _density_notes(estimates, shapes):
     """A note on densities without error bars, unless another note already gives the reason."""
     bare = [name for name, shape in shapes.items() if shape.standard_error is None]
-    if found.balance is None or found.shortfalls or not bare:
+    if estimates.balance is None or estimates.shortfalls or not bare:
         return ()
     return (
         f"the density of {', '.join(bare)} has no error bar: parts of it depend on fewer than "
@@ -159,7 +159,7 @@ def _notes_on_starts(prepared_scene, motions):
     scene = prepared_scene.scene
     if scene.excitation.random:
         return ()
-    repeats, asked = note_on_repeats(prepared_scene), scene.run.realizations
+    repeats, requested = note_on_repeats(prepared_scene), scene.run.realizations
     if distinct_realizations(prepared_scene) == 1:
         return (*repeats, *note_on_one_start(prepared_scene))
     unit = unit_of(scene, "power")
@@ -172,8 +172,8 @@ def _notes_on_starts(prepared_scene, motions):
     if scene.run.starts:
         lines += (
             "the quantities above are means over all starts; their error bars include the chance "
-            f"of {asked} drawn starts; a motion that fewer than {3.0 / asked:.1%} of all starts "
-            "reach may be missing",
+            f"of {requested} drawn starts; a motion that fewer than {3.0 / requested:.1%} of all "
+            "starts reach may be missing",
         )
     elif len(motions) > 1:
         lines += (

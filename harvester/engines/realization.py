@@ -248,7 +248,7 @@ def _ensemble(prepared_scene, indices, perturbations):
 
 
 def _run_ensemble(prepared_scene, engine, indices, realizations, perturbations):
-    """Set the spread of realizations by perturbed runs, by Monte Carlo if it takes the scene."""
+    """Set the spread of realizations by perturbed runs, of Monte Carlo if it supports the load."""
     load = prepared_scene.scene.load.circuit
     other: Engine = MonteCarlo()
     try:

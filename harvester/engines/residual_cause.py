@@ -41,16 +41,16 @@ def _causes(result):
     sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
     totals = {name: sums[:, column] for column, name in enumerate(QUANTITIES)}
     stored = np.array([stored_change(m, system) for m in result.moments])
-    put_in, taken = totals["input_power"].sum(), totals["load_power"].sum()
+    put_in, delivered = totals["input_power"].sum(), totals["load_power"].sum()
     if not (np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored))):
         yield (
             "the run diverged, its energies are not finite: look for a negative resistance or "
             "a gain that feeds back in the load"
         )
-    if taken < 0.0:
+    if delivered < 0.0:
         yield (
-            f"the load is active: it delivers {-taken / max(abs(put_in), -taken):.0%} of the "
-            "energy flow; remove sources, negative resistances and feedback gains from "
+            f"the load is active: it delivers {-delivered / max(abs(put_in), -delivered):.0%} of "
+            "the energy flow; remove sources, negative resistances and feedback gains from "
             "its netlist"
         )
     if converter and converter.estimate < 0.0:
@@ -58,7 +58,7 @@ def _causes(result):
             "the load's output takes more energy than enters the load: there is a source in its "
             "netlist, or its resistors and capacitors differ from the values that were read"
         )
-    flow = max(abs(put_in), taken)
+    flow = max(abs(put_in), delivered)
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
     if not share < STORED_SHARE_OF_SHORT_RUNS:
         yield (
@@ -116,10 +116,10 @@ def _absorbers(totals, missing):
     }
 
 
-def _together(left, taken):
+def _together(missing, energy):
     """Squared correlation of the residuals with an energy, through the origin."""
-    squares = float(np.sum(left**2) * np.sum(taken**2))
-    return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
+    squares = float(np.sum(missing**2) * np.sum(energy**2))
+    return float(np.sum(missing * energy)) ** 2 / squares if squares > 0.0 else 0.0
 
 
 def _fastest(prepared_scene):

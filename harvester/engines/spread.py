@@ -110,17 +110,17 @@ def outcomes(
     follow: Callable | None,
     keep_going: bool,
     stretch: WaveformWindow,
-    **kept: bool,
+    **recorded: bool,
 ) -> list[Realization | SimulationError]:
     """A Realization or its SimulationError, for every realization in order.
 
-    Realizations that failed together are tried again one by one. `kept` are `joint_density` and
+    Realizations that failed together are tried again one by one. `recorded` are `joint_density` and
     `stroboscope` of `simulate`. Raises SimulationError if one failed and `keep_going` is false, or
     if all failed.
     """
     count = distinct_realizations(prepared_scene)
     most = min(optimal_batch_size(prepared_scene, engine, pool), count)
-    options = {"prepared_scene": prepared_scene, "engine": engine, "window": None, **kept}
+    options = {"prepared_scene": prepared_scene, "engine": engine, "window": None, **recorded}
 
     def call(*indices):
         return {**options, "indices": [*indices], "stretch": None if indices[0] else stretch}

@@ -364,11 +364,11 @@ def _read_knots(record, name):
     smooth = SMOOTH_KNOTS if record.interpolation == "smooth" else 1
     knots_per_sample = smooth / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():
-        asked = (
+        setting = (
             f"knot_spacing = {record.knot_spacing:g}" if record.knot_spacing else "interpolation"
         )
         raise SceneError(
-            f"{name}: excitation.{asked}: gives "
+            f"{name}: excitation.{setting}: gives "
             f"{knots_per_sample * values.size:.3g} knots of the record, and this machine's memory "
             f"allows {most_samples()}"
         )

@@ -52,7 +52,7 @@ class Sine(Harmonic):
     frequency: float = positive("frequency", "Hz", required=True)
     phase: float = key("phase: at the beginning", "rad", default=0.0)
     kind: str = "sine"
-    knot_spacing: float | None = knots("a fortieth of the period, or of the device's")
+    knot_spacing: float | None = knots("a fortieth of the shorter period of sine and device")
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:

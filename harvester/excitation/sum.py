@@ -50,7 +50,7 @@ class Sum(Excitation):
         element=Key(kind=dict), count=(1, 100), required=True,
     )  # fmt: skip
     kind: str = "sum"
-    knot_spacing: float | None = knots("as close as any part asks for")
+    knot_spacing: float | None = knots("the shortest of all parts")
 
     @property
     def kept_samples(self) -> int:

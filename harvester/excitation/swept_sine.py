@@ -28,7 +28,7 @@ class SweptSine(Harmonic):
     end_frequency: float = positive("end frequency: where it turns back", "Hz", required=True)
     octaves_per_minute: float = positive("octaves per minute", "1/min", default=1.0)
     kind: str = "swept-sine"
-    knot_spacing: float | None = knots("a fortieth of the shortest period, or of the device's")
+    knot_spacing: float | None = knots("a fortieth of the shortest period of sine and device")
 
     drifts = True
 

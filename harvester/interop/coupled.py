@@ -168,7 +168,7 @@ class Coupled:
             end = min(time, knot)
             self._set("base_acceleration", begin)
             order, value = (ctypes.c_int * 1)(1), (ctypes.c_double * 1)(slope)
-            reference = self._place("base_acceleration")
+            reference = self._reference_of("base_acceleration")
             self._library.fmi2SetRealInputDerivatives(self._device, reference, 1, order, value)
             failed = self._library.fmi2DoStep(self._device, self.time, end - self.time, 1)
             self.time = end
@@ -219,16 +219,16 @@ class Coupled:
         slope = (after - before) / spacing
         return before + slope * (self.time - knot * spacing), slope, (knot + 1) * spacing
 
-    def _place(self, name: str) -> ctypes.Array:
+    def _reference_of(self, name: str) -> ctypes.Array:
         return (ctypes.c_uint * 1)(self._places[name])
 
     def _set(self, name: str, value: float) -> None:
         content = (ctypes.c_double * 1)(value)
-        self._library.fmi2SetReal(self._device, self._place(name), 1, content)
+        self._library.fmi2SetReal(self._device, self._reference_of(name), 1, content)
 
     def _get(self, name: str) -> float:
         value = (ctypes.c_double * 1)()
-        self._library.fmi2GetReal(self._device, self._place(name), 1, value)
+        self._library.fmi2GetReal(self._device, self._reference_of(name), 1, value)
         return value[0]
 
     def _fail(self) -> None:

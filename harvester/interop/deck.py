@@ -70,12 +70,12 @@ def write_deck(
     return written
 
 
-def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
+def check_dialect(dialect: str, dialects: tuple[str, ...]) -> None:
     """Raise HarvesterError if a dialect is unknown."""
-    if dialect not in known:
+    if dialect not in dialects:
         raise HarvesterError(
-            f"--dialect {dialect}: no such dialect{nearest(dialect, known)}; "
-            f"there are {', '.join(known)}"
+            f"--dialect {dialect}: no such dialect{nearest(dialect, dialects)}; "
+            f"there are {', '.join(dialects)}"
         )
 
 

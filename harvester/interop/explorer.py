@@ -266,7 +266,7 @@ def _draw(view: SliderSetting) -> Figure:
     """Draw p(X), p(X') and p(V) by Monte Carlo and the stationary solver; X and V over time."""
     from matplotlib import rc_context
 
-    # SliderSetting tick labels as formulas would take as long as the rest of the drawing.
+    # Typesetting tick labels as formulas would take as long as the rest of the drawing.
     with rc_context({"axes.formatter.use_mathtext": False}):
         return _drawn(view)
 

@@ -192,10 +192,10 @@ def _head(scene: Scene, version: str, token: str) -> str:
     )  # fmt: skip
 
 
-def _kinds(each: Variable) -> dict[str, str | None]:
+def _kinds(variable: Variable) -> dict[str, str | None]:
     """The FMI attributes `variability` and `initial` of a variable."""
-    variability = "fixed" if each.causality == "parameter" else "continuous"
-    initial = {"parameter": "exact", "output": "calculated"}.get(each.causality)
+    variability = "fixed" if variable.causality == "parameter" else "continuous"
+    initial = {"parameter": "exact", "output": "calculated"}.get(variable.causality)
     return {"variability": variability, "initial": initial}
 
 

@@ -155,7 +155,9 @@ class Stopper(Table):
         "restitution of the stoppers: e", "1", "e", low=0.0, high=1.0, required=True
     )
     impact_velocity: str = word(
-        "impact velocity: by energy, or held from the event", ("energy", "event"), default="energy"
+        "impact velocity: from the energy, or held from impact",
+        ("energy", "event"),
+        default="energy",
     )
     side: str = word("side", tuple(SIDES), default="both", rare=True)
     exponent: float = key(

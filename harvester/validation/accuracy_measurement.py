@@ -298,11 +298,11 @@ def measure(
         False: model.with_run(realizations=scene.run.realizations * factor),
         True: _brief_scene(model, BRIEF_REALIZATIONS * factor),
     }
-    asked = [
+    requests = [
         Request(run.scene, reference.engine, step=reference.step(run), moments=True)
         for run in scenes.values()
     ]
-    answers = dict(zip(scenes, successful(runner.answer(asked)), strict=True))
+    answers = dict(zip(scenes, successful(runner.answer(requests)), strict=True))
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
     references = {

@@ -28,7 +28,8 @@ from harvester.validation.paper_drawing import COLOURS
 HIGHEST = 4.0
 LEVELS, NODES = 200, 24
 GRID = 121
-MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
+# Size of the drawn rectangle relative to that within the outermost orbit.
+MARGIN = 0.995
 # Number of orbits per edge along which Eq. 4b is solved, and of points per orbit.
 CHECKED, POINTS = 5, 512
 # In Fig. 2 the frequency falls to 0 at the separatrix; below this value (rad/s) the dip is narrower

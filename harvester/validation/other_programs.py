@@ -1,9 +1,10 @@
 """Computes a scene's first path by programs that share no code with the engines.
 
 ngspice and VACASK run the exported netlist. scipy's Radau integrates a harvester with the project's
-diode bridge by node equations written here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the diodes'
-currents i and s the stray capacitance C (o' − r') = i1 + i2 − (o − r)/R, (C + s) r' − C
-o' = −i3 − i4 + (o − r)/R.
+diode bridge by these node equations, with the diodes' currents i1 … i4 and the stray capacitance s:
+
+    M x'' = …,  Cp p' = θ x' − i1 + i3,  C (o' − r') = i1 + i2 − (o − r)/R,
+    (C + s) r' − C o' = −i3 − i4 + (o − r)/R
 """
 
 from __future__ import annotations

@@ -160,12 +160,12 @@ def _of_mechanics(model, runs, states, compared):
     replayable = isinstance(system.transducer, Piezo) and not holds_speeds
     if reference_engine(model.scene) != "circuit" or not replayable or not compared.any():
         return np.nan
-    apart = [
+    differences = [
         path_states[..., 0] - replayed(model, [realization.waveform for realization in ours])
         for ours, path_states in zip(runs, states, strict=True)
     ]
     size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
-    return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
+    return float(np.sqrt(np.mean(np.square(_limit(*differences)[compared]))) / size)
 
 
 def path_scene(model: Prepared) -> Prepared:

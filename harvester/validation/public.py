@@ -139,7 +139,7 @@ def accuracy(
     HarvesterError
         The excitation is not noise, or the reference failed.
     OutOfTime
-        The time budget was spent before it was there.
+        The time budget was spent before the reference was complete.
 
     Examples
     --------

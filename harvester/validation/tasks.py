@@ -95,7 +95,7 @@ def silverbox_error(
 def beam_claims(
     place: str, digest: str, prepared_scene: Prepared, report: Callable
 ) -> tuple[float, float]:
-    """Share of the validation records with a claim that lie within their intervals.
+    """Share of the claimed predictions of validation records that lie within their intervals.
 
     The tilt of the base is a constant force, fitted in each record of another tilt.
     """

@@ -214,15 +214,15 @@ def verification(runner: Runner, chosen: Sequence[Truth] | None = None) -> Verif
     """See `harvester.verify`."""
     clock = time.perf_counter()
     truths = [*catalogue(), *measured()] if chosen is None else chosen
-    asked = [(truth, *question) for truth in truths for question in truth.asked.items()]
+    questions = [(truth, *question) for truth in truths for question in truth.asked.items()]
     outcomes: dict[type, Iterator] = {
-        Request: iter(runner.answer([q for *_, q in asked if isinstance(q, Request)])),
-        Task: iter(runner.run([q for *_, q in asked if isinstance(q, Task)])),
+        Request: iter(runner.answer([q for *_, q in questions if isinstance(q, Request)])),
+        Task: iter(runner.run([q for *_, q in questions if isinstance(q, Task)])),
     }
     # An entry that is neither a request nor a task is the reason why it cannot be computed.
     rows = [
         row_of(truth, method, next(outcomes.get(type(question), iter([question]))))
-        for truth, method, question in asked
+        for truth, method, question in questions
     ]
     today = datetime.date.today().isoformat()
     return Verification(rows, time.perf_counter() - clock, today)
@@ -249,7 +249,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         value = "" if row.reason else f"{row.value:.2%}"
         lines.append([row.truth.device, row.truth.title, row.method, expected, value, row.verdict])
     if lines:
-        head = ["set", "result", "by", "expected", "ours", "verdict"]
+        head = ["set", "result", "method", "expected", "computed", "verdict"]
         parts += [
             "## Sets to download",
             tables["page"]["downloaded"],
@@ -257,8 +257,8 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         ]
         parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
     return _page(
-        "# Measured against",
-        "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
+        "# Comparison with measurements",
+        "*Deviations of predictions from measurements, with the misses.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
         tables["page"]["opening"],
         *parts,

@@ -108,14 +108,14 @@ def nodes_of(network: Network) -> dict[str, str]:
     return {GROUND: "n", network.terminal: terminal, "base": "lifted"}
 
 
-def si_value(each: Component, parameters: Parameters) -> float:
+def si_value(component: Component, parameters: Parameters) -> float:
     """Value of an element in terms of V(velocity), its current or V(base); others unchanged."""
     rate, scales = parameters.rate, parameters.ready.scales
-    if each.kind.startswith("moving"):
-        return each.value * rate
-    if each.kind == "base voltage":
-        return -each.value / parameters.ready.excitation_unit
-    if each.kind.startswith("force"):
-        unit = scales.voltage if each.kind == "force of voltage" else 1.0
-        return each.value / (rate**2 * unit)
-    return each.value
+    if component.kind.startswith("moving"):
+        return component.value * rate
+    if component.kind == "base voltage":
+        return -component.value / parameters.ready.excitation_unit
+    if component.kind.startswith("force"):
+        unit = scales.voltage if component.kind == "force of voltage" else 1.0
+        return component.value / (rate**2 * unit)
+    return component.value

@@ -92,9 +92,11 @@ def _electrical(parameters: Parameters) -> list[str]:
     return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 
 
-def _contribution(each: Component, node: dict[str, str], parameters: Parameters) -> str:
-    ends = f"{node.get(each.plus, each.plus)}, {node.get(each.minus, each.minus)}"
-    value = parameters.element(each.name, si_value(each, parameters))
+def _contribution(component: Component, node: dict[str, str], parameters: Parameters) -> str:
+    ends = (
+        f"{node.get(component.plus, component.plus)}, {node.get(component.minus, component.minus)}"
+    )
+    value = parameters.element(component.name, si_value(component, parameters))
     return {
         "resistor": f"I({ends}) <+ V({ends})/({value});",
         "capacitor": f"I({ends}) <+ {value}*ddt(V({ends}));",
@@ -105,4 +107,4 @@ def _contribution(each: Component, node: dict[str, str], parameters: Parameters)
         "moving current": f"I({ends}) <+ -{value}*u;",
         "force of voltage": f"pull = pull + {value}*V({ends});",
         "force of current": f"pull = pull + {value}*I(terminal, p);",
-    }[each.kind]
+    }[component.kind]

@@ -210,27 +210,27 @@ def _definitions(pen, inner, corner):
         x += GAP
 
 
-def _called(place):
+def _called(topology):
     """All sub-circuits used here, directly or indirectly, without duplicates."""
     subcircuits = {}
-    for part in place.parts:
+    for part in topology.parts:
         if part.letter == "x":
-            inner = place.find(part.calls)
+            inner = topology.find(part.calls)
             subcircuits[inner.name] = inner
             subcircuits |= {subcircuit.name: subcircuit for subcircuit in _called(inner)}
     return list(subcircuits.values())
 
 
-def _boxed(pen, place, corner, title, subtitle, near, far):
+def _boxed(pen, topology, corner, title, subtitle, near, far):
     """Draw a sub-circuit in a frame; returns the right edge and the height of every pin."""
     left, top = corner
-    ladder = lay_out(place.parts, near, far)
-    right, low = _ladder(pen, place, ladder, left, top, near, far)
+    ladder = lay_out(topology.parts, near, far)
+    right, low = _ladder(pen, topology, ladder, left, top, near, far)
     highest = max(ladder.rows.values())
     height = {pin: top - ROW * (highest - ladder.rows[pin]) for pin in (*near, *far)}
     for pin, y in height.items():
         pen.dot((left if pin in near else right, y), filled=False)
-    for coupling in (part for part in place.parts if part.letter == "k"):
+    for coupling in (part for part in topology.parts if part.letter == "k"):
         low -= 0.5
         words = f"{coupling.name}: {', '.join(coupling.control)}, {coupling.value}"
         pen.text((left + PADDING, low), words, VALUE_SIZE, INK)
@@ -241,7 +241,7 @@ def _boxed(pen, place, corner, title, subtitle, near, far):
     return right, height
 
 
-def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
+def _ladder(pen, topology, ladder, left, top, near=(), far=(), named=True):
     """Draw a layout, given its upper left corner; returns its right and lower edge.
 
     The rails of nodes in `near` are drawn from the left edge, those in `far` up to the right edge.
@@ -253,7 +253,7 @@ def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
     for column in ladder.columns:
         for node in column.ends:
             reach[node].append(x)
-        _column(pen, place, column, x, y, ladder.rows)
+        _column(pen, topology, column, x, y, ladder.rows)
         x += _column_width(column)
     for node, at in reach.items():
         begin = left if node in near else min(at)
@@ -269,7 +269,7 @@ def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
     return x, min(y.values()) - (0.6 if GROUND in y else 0.0)
 
 
-def _column(pen, place, column, x, y, rows):
+def _column(pen, topology, column, x, y, rows):
     """Draw the elements of a column, centred between its rails, and the wires to both."""
     upper = rows[column.ends[0]] >= rows[column.ends[1]]
     start, end = (y[node] for node in column.ends)
@@ -278,7 +278,7 @@ def _column(pen, place, column, x, y, rows):
     at = start + step * (spare // 2)
     pen.wire((x, start), (x, at))
     for part, node, following in zip(column.parts, column.nodes, column.nodes[1:], strict=False):
-        pen.part(part, place, (x, at), (x, at + step), part.nodes[0] != node)
+        pen.part(part, topology, (x, at), (x, at + step), part.nodes[0] != node)
         at += step
         if following != column.nodes[-1]:
             pen.dot((x, at))

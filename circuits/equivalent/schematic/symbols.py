@@ -99,20 +99,20 @@ class Pen:
     def part(
         self,
         part: Part,
-        place: Topology,
+        topology: Topology,
         start: tuple[float, float],
         end: tuple[float, float],
         reverse: bool = False,
     ) -> None:
         """Draw an element between two points, with its name and value next to it.
 
-        `place` is the circuit or sub-circuit of the element. Its first node is at `start`, or with
-        `reverse` at `end`.
+        `topology` is the circuit or sub-circuit of the element. Its first node is at `start`, or
+        with `reverse` at `end`.
         """
         self.names.append(part.name)
-        symbol = _symbol(part, place)
+        symbol = _symbol(part, topology)
         # The plus sign of schemdraw's voltage sources is at the end, in SPICE at the start,
-        # and the shape that a pnp transistor is drawn with begins with the emitter.
+        # and its shape of a pnp transistor begins with the emitter.
         turned = reverse != (symbol.endswith("V") or symbol == "BjtNpn2")
         first, last = (end, start) if turned else (start, end)
         # The control lead points to the right, towards the text.
@@ -236,15 +236,15 @@ def _value(part):
     return "" if part.letter == "b" or len(value) > LONGEST_VALUE else value
 
 
-def _symbol(part, place):
+def _symbol(part, topology):
     """Name of the element in schemdraw."""
     if part.letter == "b":
         return "SourceControlledV" if re.match(r"(?i)v\s*=", part.value) else "SourceControlledI"
-    if part.letter == "x" and is_diode(place.find(part.calls)):
+    if part.letter == "x" and is_diode(topology.find(part.calls)):
         return "Diode"
     if part.letter in TRANSISTORS:
         _, second, symbols = TRANSISTORS[part.letter]
-        model = place.model(part.value.split()[0].lower())
+        model = topology.model(part.value.split()[0].lower())
         return symbols[bool(re.search(rf"\b({second})\b", model))]
     return SYMBOLS.get(part.letter, "RBox")
 

@@ -257,7 +257,8 @@ class Section(NamedTuple):
     rigidity, mass : EI (N m²), and mass per length (kg/m).
     moment_per_volt : N m/V, of all layers.
     stretch_per_volt : strain of the neutral axis (1/V): a single layer also stretches the beam,
-    while the forces of two layers cancel. axial_capacitance
+        while the forces of two layers cancel.
+    axial_capacitance
         Charge by this stretch per volt and metre (F/m).
     axis
         Height of the neutral axis above the substrate's middle (m).

@@ -159,8 +159,8 @@ def magnetic_force(
 def _force_of_charges(magnets, slope, offset, origin):
     """The force between the end faces' charges, interpolated within the reach."""
     tip, frame = magnets.tip_size, magnets.frame_size
-    beside = abs(magnets.frames[1][0]) >= (tip[0] + frame[0]) / 2.0
-    apart = beside or magnets.distance > (tip[-1] + frame[-1]) / 2.0
+    aside = abs(magnets.frames[1][0]) >= (tip[0] + frame[0]) / 2.0
+    apart = aside or magnets.distance > (tip[-1] + frame[-1]) / 2.0
     domain, before = [-magnets.reach, magnets.reach], None
     if apart and _collide(magnets, slope, offset):
         raise SceneError(

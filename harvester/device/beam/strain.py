@@ -21,9 +21,11 @@ class FibreStrain(NamedTuple):
     position
         Distance from the clamp (m).
     per_displacement : strain per displacement of the tip (1/m).
-    per_volt : strain of the residual modes per volt (1/V). per_acceleration
+    per_volt : strain of the residual modes per volt (1/V).
+    per_acceleration
         Strain of the residual modes per acceleration of the base (s²/m).
-    modulus : stress per strain, electrodes short-circuited (Pa). stress_per_volt
+    modulus : stress per strain, electrodes short-circuited (Pa).
+    stress_per_volt
         Stress by a layer's field per volt (Pa/V).
     """
 

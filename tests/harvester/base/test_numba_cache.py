@@ -107,7 +107,7 @@ def test_a_damaged_file_is_named_and_written_anew(tmp_path, monkeypatch, ending,
 
 
 def test_damage_is_said_once_in_a_process(capsys, monkeypatch):
-    monkeypatch.setattr(numba_cache, "_said", [])
+    monkeypatch.setattr(numba_cache, "_reported", [])
     for _ in range(2):
         numba_cache.on_damage("cache/function.nbc")
     assert capsys.readouterr().err.count("compiled again") == 1
