@@ -181,7 +181,7 @@ def _segment(count, interval, resolution, name):
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(
-            f"{name}: {count} samples {interval:.3g} s apart are not enough for segments of "
+            f"{name}: {count} samples {interval:.3g} s apart cannot be divided into segments of "
             f"{size}: use a longer duration, or another --resolution"
         )
     return size

@@ -96,7 +96,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
     assert "proposed" not in given.sentence
     given = verdict(FitEvidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
     assert given.word == "wrong"
-    assert given.sentence.endswith("drag leaves 1.00% and is proposed")
+    assert given.sentence.endswith("drag has a residual of 1.00% and is proposed")
     # A rival with as many values that is hardly better is not proposed in place of the scene's own.
     assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
     untried = Rival("drag", None, remark="not tried: its values did not change")

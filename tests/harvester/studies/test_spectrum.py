@@ -176,7 +176,9 @@ def test_a_sine_has_no_specification(tmp_path):
     np.save(tmp_path / "sine.npy", np.sin(2.0 * np.pi * 40.3 / RATE * np.arange(ROWS)))
     found = harvester.spectrum(tmp_path / "sine.npy", unit="m/s^2", sampling_rate=RATE)
     assert found.rms == pytest.approx(0.5**0.5, rel=1e-3)
-    assert any("no specification: the density is one line" in line for line in found.sentences())
+    assert any(
+        "no specification: the density is a single line" in line for line in found.sentences()
+    )
     assert not found.texts()
     assert found.figure().axes
 
@@ -242,7 +244,7 @@ def test_of_a_scene_and_what_is_refused(folder):
         harvester.spectrum("device", duration=1e12)
     with pytest.raises(HarvesterError, match="is for a scene"):
         harvester.spectrum(folder / "white.npy", duration=1.0)
-    with pytest.raises(HarvesterError, match="take a longer one"):
+    with pytest.raises(HarvesterError, match="use a longer duration"):
         harvester.spectrum("linear", duration=0.5)
 
 
