@@ -39,9 +39,9 @@ class Question(NamedTuple):
     ----------
     keys
         `table.key`: a bare number is the value of the first; NAME=VALUE gives another.
-        spec : Key
-            Declaration of the first key. A bare number outside its usual range probably answers
-            another question, and is accepted only with its unit.
+    spec : Key
+        Declaration of the first key. A bare number outside its usual range probably answers another
+        question, and is accepted only with its unit.
     """
 
     keys: tuple[str, ...]

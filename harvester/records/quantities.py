@@ -163,8 +163,8 @@ class Heading(NamedTuple):
     ----------
     title
         The name without its unit.
-    Unit in the file's spelling; empty if there is none.
-        Unit as it is written; empty if there is none.
+    unit
+        Unit in the file's spelling; empty if there is none.
     quantity
         A name in `QUANTITIES`; empty if the title names none.
     """

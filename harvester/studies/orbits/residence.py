@@ -246,12 +246,12 @@ def stays(
     report: Callable,
     settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Times in the wells and jumps out of them, in a worker process.
-    Compute times in the wells and jumps out of them, in a worker process.
-        Returns
-        -------
-        dict
-            `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
+    """Compute times in the wells and jumps out of them, in a worker process.
+
+    Returns
+    -------
+    dict
+        `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
     chosen = engine_of(engine, step=step, **settings or {})
     realizations = run(prepared_scene, chosen, indices, None, report)

@@ -4,11 +4,11 @@ The measured value of a device contains the noise of its run. The noise widens t
 moves devices across the limit, mostly from the denser side. It is removed in two ways:
 
 - The devices' values are contracted about their mean until their variance equals the variance
-without noise (see `sobol`), so that spread and quantiles describe the devices.
+  without noise (see `sobol`), so that spread and quantiles describe the devices.
 - The share above a limit changes in proportion to the variance of the noise if this is small. The
-mean of two replicates has half the noise variance. Therefore the share without noise is twice the
-share among means minus the share among single replicates (Richardson extrapolation; for measurement
-errors Cook and Stefanski, J. Am. Stat. Assoc. 89, 1314 (1994)).
+  mean of two replicates has half the noise variance. Therefore the share without noise is twice the
+  share among means minus the share among single replicates (Richardson extrapolation; for
+  measurement errors Cook and Stefanski, J. Am. Stat. Assoc. 89, 1314 (1994)).
 """
 
 import math

@@ -335,7 +335,7 @@ def test_a_run_without_a_duration_lasts_as_long_as_its_record(tmp_path):
     tables = recorded(path).to_tables()
     del tables["run"]
     assert Scene.from_tables(tables).run.duration == pytest.approx(40.0)
-    with pytest.raises(SceneError, match=r"lasts 40 s, and run\.settle = 50"):
+    with pytest.raises(SceneError, match=r"run\.settle = 50: must be less than the record's 40 s"):
         recorded(path, run={"duration": None, "settle": 50.0})
     again = recorded(path, run={"duration": None}, repetition="periodic")
     # Its ends are faded into each other over a twentieth.

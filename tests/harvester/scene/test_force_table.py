@@ -82,7 +82,7 @@ def test_a_file_that_is_no_table_is_refused_by_its_line(tmp_path, text, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x [um];F [mN]\n-1,000;-2\n1,000;2\n", "1000 and -1.000: save it without"),
+        ("x [um];F [mN]\n-1,000;-2\n1,000;2\n", "1000 or -1.000: save it without"),
         ("x [mm],F [MN]\n-1,-1\n1,1\n", r"column F \[MN\]: MN is ambiguous: millinewtons"),
     ],
 )
