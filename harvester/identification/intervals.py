@@ -166,8 +166,10 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
 
     Parameters
     ----------
-    Number of time records, which come first. Frequency responses and impedances are never omitted:
-    values that only one of them determines, such as the mass, would be unbounded without it.
+    records : int
+        Number of time records, which come first. Frequency responses and impedances are never
+        omitted: values that only one of them determines, such as the mass, would be unbounded
+        without it.
 
     Returns
     -------

@@ -612,7 +612,7 @@ def optimum(
     scene : Scene, str or Path
         The scene. Its [run] is that of the first runs at each point (one parameter), or of each
         evaluation (several parameters).
-    over : str or dict of str to (float, float)
+    over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within the
         key's limits); several may be given.
     low : float or None
