@@ -41,7 +41,7 @@ def test_a_time_column_that_ends_where_it_begins_is_refused(tmp_path):
     record = RecordedMotion(
         str(tmp_path / "a.csv"), unit="g", column=1, time_column=0, sampling_rate=100.0
     )
-    with pytest.raises(SceneError, match="column 0 says inf Hz"):
+    with pytest.raises(SceneError, match="column 0 gives inf Hz"):
         assert record.samples.size
 
 

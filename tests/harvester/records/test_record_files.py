@@ -447,7 +447,7 @@ def test_what_leads_out_of_an_hdf5_file_is_refused(tmp_path):
     refused(tmp_path / "large.h5", "more than 67108864 numbers")
     content = (tmp_path / "other.h5").read_bytes()
     (tmp_path / "cut.h5").write_bytes(content[: len(content) // 2])
-    refused(tmp_path / "cut.h5", "not a whole HDF5 file")
+    refused(tmp_path / "cut.h5", "not a valid HDF5 file")
 
 
 def test_a_text_in_place_of_a_number_is_not_evaluated(tmp_path):
@@ -544,7 +544,7 @@ def test_a_record_that_misses_the_device_says_so_first(tmp_path):
                     repetition="periodic")  # fmt: skip
     first = fast.excitation.notes(4e-5, 2.0 * np.pi * 9.0, fast.run)[0]
     assert "does not excite the device" in first
-    assert "moves at 9 Hz" in first
+    assert "resonates at 9 Hz" in first
 
 
 def test_identification_reads_the_same_headings(tmp_path):

@@ -211,7 +211,7 @@ def test_a_record_that_has_changed_since_is_named(tmp_path):
 
 @pytest.mark.parametrize("content", [{}, {"scene": 1}, None, {"engine": "circuit"}])
 def test_what_is_no_result_is_refused(content):
-    with pytest.raises(harvester.HarvesterError, match="no result"):
+    with pytest.raises(harvester.HarvesterError, match="not a result"):
         Result.from_dict(content)
 
 
