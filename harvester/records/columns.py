@@ -302,7 +302,7 @@ class MeasuredFile:
             if rates and all(rates):
                 raise SceneError(
                     f"{self.where}: {says}: {self.label(clock)} gives {rates[0]:.6g} Hz: omit "
-                    f"{name} out, give the column's unit, or name it by "
+                    f"{name}, give the column's unit, or name it by "
                     f"{self.setting('column', 'time')} to read the rate from it"
                 )
         return None if index is None else columns[0], rate
