@@ -10,10 +10,10 @@ cubic fit; its standard error follows from paired errors of the values.
       |     .         :         |         :
       +---------------:---------|---------:------ parameter
 
-        1. The slope at the window's middle is significant: move the window uphill.
-        2. The cubic does not fit the values, or falls by more than 0.15: halve the window.
-        3. Two standard errors exceed 0.15 of the half width: increase the number of realizations.
-        4. Otherwise the maximum of the cubic, with its standard error, is the result.
+    1. The slope at the window's middle is significant: move the window uphill.
+    2. The cubic does not fit the values, or falls by more than 0.15: halve the window.
+    3. Two standard errors exceed 0.15 of the half width: increase the number of realizations.
+    4. Otherwise the maximum of the cubic, with its standard error, is the result.
 """
 
 import math

@@ -145,7 +145,7 @@ def test_kinds_that_make_no_sense_are_refused_in_one_line():
     for fit in (False, True):
         with pytest.raises(AveragingError, match='"sine"'):
             average(scene, fit=fit)
-    with pytest.raises(AveragingError, match="--fit needs a recorded excitation"):
+    with pytest.raises(AveragingError, match="fit needs a recorded excitation"):
         average(Scene.read("paper"), fit=True)
 
 

@@ -26,9 +26,7 @@ def test_a_trace_without_a_sample_is_refused(tmp_path):
 
 
 def test_a_folder_named_like_a_file_is_refused(tmp_path):
-    with pytest.raises(
-        HarvesterError, match=r"trace\.csv is to be a folder, such as --output .*e$"
-    ):
+    with pytest.raises(HarvesterError, match=r"trace\.csv must be a folder, such as --output .*e$"):
         write(harvester.Scene.read("device"), "csv", tmp_path / "trace.csv", duration=0.1)
     assert list(tmp_path.iterdir()) == []
 

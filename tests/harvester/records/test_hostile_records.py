@@ -162,7 +162,7 @@ def test_only_plain_files_are_read(tmp_path, name):
     for device in ("zero", "stdin", "full"):
         path.symlink_to(f"/dev/{device}")
         if not path.is_file():
-            refused(path, "plain file")
+            refused(path, "regular file")
         path.unlink()
 
 

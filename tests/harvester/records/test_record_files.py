@@ -544,7 +544,7 @@ def test_a_record_that_misses_the_device_says_so_first(tmp_path):
                     repetition="periodic")  # fmt: skip
     first = fast.excitation.notes(4e-5, 2.0 * np.pi * 9.0, fast.run)[0]
     assert "does not excite the device" in first
-    assert "moves at 9 Hz" in first
+    assert "resonates at 9 Hz" in first
 
 
 def test_identification_reads_the_same_headings(tmp_path):

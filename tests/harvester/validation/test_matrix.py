@@ -112,7 +112,7 @@ def test_cases_are_made_of_any_parts(name, overrides, refused):
 def test_cases_of_a_piezo_are_refused_by_name_on_a_coil():
     scene = Scene.read("electromagnetic")
     for values in ({"decay_rate": 1.0}, {"coupling": 1.0}):
-        with pytest.raises(SceneError, match=r"want a \[piezo\]"):
+        with pytest.raises(SceneError, match=r"need a \[piezo\]"):
             changed(scene, Case("", "", values))
     settle, duration = run_length(prepared(changed(scene, Case("", "", {"intensity": 1.0}))))
     assert 0.0 < settle < duration < math.inf
