@@ -9,6 +9,8 @@ import math
 from typing import Protocol
 
 NO_ERROR_BAR = " (no error bar)"
+# After a number that the data do not confirm; the table's legend says why.
+UNCERTAIN = " (?)"
 # Most digits of a value. More would show rounding.
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}

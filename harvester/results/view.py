@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.arguments import Named
-from harvester.base.formatting import NOT_KNOWN, Printed
+from harvester.base.formatting import NOT_KNOWN, UNCERTAIN, Printed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import json_text, nearest, one_line
 from harvester.base.serialising import fields_of
@@ -352,6 +352,9 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
             columns[f"{words} standard error{suffix}"] = [
                 getattr(cell, "error", None) for cell in cells
             ]
+        if any(cell.endswith(UNCERTAIN) for cell in printed):
+            marks = [str(cell).endswith(UNCERTAIN) for cell in cells]
+            columns[f"{words}{UNCERTAIN}"] = marks
         if len(units) > 1 and "unit" not in header:
             columns[f"{words} unit"] = [getattr(cell, "unit", "") for cell in cells]
     return Table([*columns], [list(row) for row in zip(*columns.values(), strict=True)])

@@ -47,8 +47,9 @@ class ComparedMethod:
         return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
 
     def step(self, model: Prepared) -> float:
-        """Longest step (s)."""
-        return longest_step(model, "default", self.engine) / self.refinement
+        """Longest step (s): a whole part of the time between two samples of the excitation."""
+        asked = longest_step(model, "default", self.engine) / self.refinement
+        return longest_step(model, asked, self.engine)
 
     def together(self, model: Prepared) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""
