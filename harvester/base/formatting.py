@@ -206,6 +206,16 @@ def written(value: float, how: str, unit: str = "") -> Printed:
     return Printed(f"{value:{how}}" if math.isfinite(value) else NOT_KNOWN, value, None, unit)
 
 
+def signed(value: float, how: str) -> str:
+    """A number with its sign by a format specification; a zero has none.
+
+    >>> signed(-0.31, ".1f"), signed(0.04, ".1f"), signed(-0.0001, ".1%")
+    ('-0.3', '0.0', '0.0%')
+    """
+    text = f"{value:+{how}}"
+    return text if any(digit in text for digit in "123456789n") else text[1:]
+
+
 def count(size: float | None) -> Printed:
     """Text of a number of items: "below 1", 96, 9,100,000."""
     if size is None or not math.isfinite(size):

@@ -189,7 +189,9 @@ class ResultBase(ABC):
             place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):
                 outer, inner = (row[0], words) if names[0] == "quantity" else (words, place)
-                of_name = numbers.setdefault(outer.replace(" ", "_"), Named(f"{outer}: no", {}))
+                name = outer.replace(" ", "_")
+                empty = Named(f"{outer}: no", {}, f'result["{name}"]')
+                of_name = numbers.setdefault(name, empty)
                 if outer == words or isinstance(cell, Printed):
                     of_name[inner] = _number(cell)
         return numbers

@@ -137,13 +137,13 @@ class Accuracy(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         states = [f"error {SYMBOLS[name]} [{unit_of(self.scene, name)}]" for name in STATES]
-        header = ["method", "setting", *states, "order of X (theory)"]
+        header = ["method", "setting", *states, "order of X", "order in theory"]
         header += [*(f"bias {SYMBOLS[name]}" for name in MEANS), "core time [µs/simulated s]"]
         header += [f"{SYMBOLS[name]} to {limit:.0%}" for name in self.errors for limit in LIMITS]
         rows = [self._cells(row) for row in self.rows]
         for closure, answer in self.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
-            rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
+            rows.append([f"averaging, {closure}", *6 * [""], *biases, ""])
             for name in self.errors:
                 error = TotalError(self.deviation(closure, name), 0.0, 0.0)
                 rows[-1] += [reached(error, limit, answer["seconds"]) for limit in LIMITS]
@@ -163,7 +163,8 @@ class Accuracy(ResultBase):
             row.method.family,
             self._setting(row.method) + (" (brief run)" if row.method.brief else ""),
             *(number(self.strong_error(row, name), 2) for name in STATES),
-            Printed(f"{number(order, 3)} ({row.method.order})", order),
+            number(order, 3),
+            number(row.method.order),
             *(_percent(row.bias.get(name)) for name in MEANS),
             number(1e6 * row.seconds_per_unit, 3),
             *(reached(error, limit) for error in errors for limit in LIMITS),
