@@ -102,7 +102,7 @@ class Estimate:
         return HarvesterError(
             f"{self}{operation}: an Estimate is multiplied and divided by numbers alone; compute "
             "and compare with float(…), or with .estimate and .standard_error (errors on the same "
-            "noise are correlated)"
+            "noise are correlated: harvester.paired_difference compares two results)"
         )
 
     __rmul__ = __mul__
