@@ -292,8 +292,8 @@ class Result(ResultBase):
             self._findings(),
             headline=headline(self),
             pictures=[
-                Picture(draw_result, self),
-                Picture(joint_drawing.draw, [self], "joint"),
+                Picture(draw_result, self, needs=f"densities, {joint_drawing.NOT_IN_JSON}"),
+                Picture(joint_drawing.draw, [self], "joint", joint_drawing.NEEDS),
                 *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
             ],
             records=self._records,

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.arguments import Named
+from harvester.base.errors import UnknownQuantity
 from harvester.base.formatting import NOT_KNOWN, UNCERTAIN, Printed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import json_text, nearest, one_line
@@ -56,14 +57,17 @@ class Picture:
     content : object
     name : str
         Part of the file's name; empty for the main figure.
+    needs : str
+        What there must be to draw, and how to get it, for the message where it is missing.
     """
 
     draw: Callable[[Any], Figure | None]
     content: Any
     name: str = ""
+    needs: str = ""
 
     def figure(self) -> Figure | None:
-        """The figure in the project's style."""
+        """The figure in the project's style; None if there is nothing to draw."""
         return figures.drawn(self.draw, self.content)
 
     def html(self, alternative: str = "", caption: str = "") -> str:
@@ -208,20 +212,25 @@ class ResultBase(ABC):
         """The main finding in one line."""
         return self.view().main_finding
 
-    def figure(self, name: str = "") -> Figure | None:
-        """A figure by its name, the main one without a name; None if there is nothing to draw.
+    def figure(self, name: str = "") -> Figure:
+        """A figure by its name, the main one without a name.
 
         Raises
         ------
         UnknownQuantity
-            The result has no figure of this name.
+            The result has no figure of this name, or nothing to draw in it.
         """
-        pictures = self.view().pictures
-        if not name:
-            return pictures[0].figure() if pictures else None
+        pictures, kind = self.view().pictures, type(self).__name__
         by_name = {picture.name: picture for picture in pictures if picture.name}
-        where = f"{type(self).__name__}: the main figure is figure(), without a name; no figure"
-        return Named(where, by_name)[name].figure()
+        where = f"{kind}: the main figure is figure(), without a name; no figure"
+        picture = Named(where, by_name)[name] if name else next(iter(pictures), None)
+        figure = picture and picture.figure()
+        if figure is None:
+            needs = f": {picture.needs}" if picture and picture.needs else ""
+            raise UnknownQuantity(
+                f"{kind}: there is nothing to draw in {name or 'a figure'}{needs}"
+            )
+        return figure
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""

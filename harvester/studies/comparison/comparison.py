@@ -160,7 +160,10 @@ class Comparison(ResultBase):
             self._table(),
             self._findings(),
             headline=self.verdict().text.partition(";")[0].removesuffix("."),
-            pictures=[Picture(draw_comparison, self), Picture(joint_drawing.draw, joint, "joint")],
+            pictures=[
+                Picture(draw_comparison, self),
+                Picture(joint_drawing.draw, joint, "joint", joint_drawing.NEEDS),
+            ],
             records=self._records,
             methods=self.results_by_method(),
             page=self.page,

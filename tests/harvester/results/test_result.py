@@ -170,7 +170,10 @@ def test_plain_values_lead_back_to_the_result(result):
     assert again.to_dict() == result.to_dict()
     assert again.quantities == result.quantities
     assert again.scene == result.scene
-    assert again.figure() is None
+    with pytest.raises(harvester.UnknownQuantity, match="JSON does not hold: run the scene again"):
+        again.figure()
+    with pytest.raises(harvester.UnknownQuantity, match="joint_density=True"):
+        again.figure("joint")
 
 
 def test_what_is_not_finite_comes_back_as_missing():
