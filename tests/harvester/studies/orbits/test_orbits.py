@@ -661,6 +661,10 @@ def test_a_chaotic_transient_is_followed_to_its_orbit():
     assert power.attrs == error.attrs == {"unit": "W"}
     np.testing.assert_array_equal(error[0], up.errors["mean_power"])
     assert found.data()[0][1] == "excitation.amplitude [m/s²]"
+    estimate = found["mean_power"]["up", 8.0]
+    assert (estimate.estimate, estimate.unit) == (up.mean_power[1], "W")
+    assert estimate.standard_error == pytest.approx(up.errors["mean_power"][1])
+    assert "error_of_the_mean_power" not in list(found)
 
 
 def test_basins_say_the_plane_of_their_starts():
