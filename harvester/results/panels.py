@@ -114,7 +114,7 @@ def draw_panels(
     size : (float, float)
         Size of a panel, in inches.
     columns : int
-        Most panels in a row; only the first of a row names its y axis, where that is the same.
+        Most panels in a row; only the first of those with the same y axis names it.
     **shared
         `sharex`, `sharey` of `matplotlib.figure.Figure.subplots`.
     """
@@ -125,10 +125,9 @@ def draw_panels(
     wide = max(1.2 + size[0] * columns, 5.0)
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
     places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
-    same = len({panel.y_label for panel in panels}) == 1
     for index, (axes, panel) in enumerate(zip(places, panels, strict=False)):
         _draw_panel(axes, panel)
-        if same and index % columns:
+        if index % columns and panel.y_label == panels[index - 1].y_label:
             axes.set_ylabel("")
     for axes in places[len(panels) :]:
         axes.remove()

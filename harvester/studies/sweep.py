@@ -35,6 +35,8 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Most panels in a row that has one for each point of the other keys, and their size (inches).
+MOST_COLUMNS, SMALL = 6, (2.3, 2.2)
 # Points of print between the markers of two engines at the same point.
 APART = 6.0
 # Width of the first line, and by how much each further one is thinner: thin over thick shows both.
@@ -333,19 +335,27 @@ def _value(cell, name, attribute):
 
 
 def _draw(sweep):
-    """A panel for each quantity and each point of the other keys."""
+    """A panel for each quantity and each point of the other keys: a row and a column."""
     lengths = [len(values) for values in sweep.values.values()]
     # An axis of numbers is preferred to one of words, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
-    others = [range(length) for k, length in enumerate(lengths) if k != along]
-    panels = [
-        _panel(sweep, name, along, other)
-        for name in sweep.quantities
-        for other in itertools.product(*others)
-    ]
+    ranges = [range(length) for k, length in enumerate(lengths) if k != along]
+    others = [*itertools.product(*ranges)]
+    panels = [_panel(sweep, name, along, other) for name in sweep.quantities for other in others]
     title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
-    return draw_panels(panels, title)
+    if not 1 < len(others) <= MOST_COLUMNS:
+        return draw_panels(panels, title)
+    first, last = len(others), len(panels) - len(others)
+    panels = [
+        replace(
+            panel,
+            title=panel.title if k < first else "",
+            x_label=panel.x_label if k >= last else "",
+        )
+        for k, panel in enumerate(panels)
+    ]
+    return draw_panels(panels, title, SMALL, first, sharex=True, sharey="row")
 
 
 def _panel(sweep, name, along, other):
@@ -357,9 +367,11 @@ def _panel(sweep, name, along, other):
         rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
     held = [axis for axis in keys if axis != key]
     words = [
-        f"{axis} = {in_words(sweep.values[axis][k])}" for axis, k in zip(held, other, strict=True)
+        f"{axis} = {value_words(axis, sweep.values[axis][k], sweep.scene.units)}"
+        for axis, k in zip(held, other, strict=True)
     ]
-    means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
+    # All panels of a quantity have one unit.
+    means = [cell.estimates[name] for _, cell in sweep.places() if name in cell.estimates]
     unit = unit_of(sweep.scene, means[0].dimension) if means else ""
     if is_share(name):
         factor, unit = 100.0, "%"

@@ -182,7 +182,10 @@ class Accuracy(ResultBase):
             f"bias: against {self.reference.family} ({self.longest_step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
-            *["bias of a closure: ± covers its numerical and the reference's sampling error"]
+            *[
+                "bias of a closure: ± covers its numerical and the reference's sampling error; its "
+                "time is that of `average`, with all densities"
+            ]
             * bool(self.closures),
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
