@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from contextlib import closing
@@ -18,7 +17,7 @@ from harvester.scene.calling import takes_scene
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-Output = Annotated[str | os.PathLike, Kind("FILE")]
+Output = Annotated[str | Path, Kind("FILE", "a path", lambda value: isinstance(value, (str, Path)))]
 # The notes on a new load give its computing time for a record of this length, in seconds.
 RECORD = 10.0
 

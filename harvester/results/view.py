@@ -223,7 +223,7 @@ class ResultBase(ABC):
         by_name = {picture.name: picture for picture in pictures if picture.name}
         where = f"{kind}: the main figure is figure(), without a name; no figure"
         picture = Named(where, by_name)[name] if name else next(iter(pictures), None)
-        figure = picture and picture.figure()
+        figure = picture.figure() if picture else None
         if figure is None:
             needs = f": {picture.needs}" if picture and picture.needs else ""
             raise UnknownQuantity(

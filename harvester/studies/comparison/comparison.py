@@ -396,10 +396,12 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
     """Verdicts on a comparison, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
+    engines = comparison.circuit, comparison.monte_carlo
+    circuit, other = (engine.energy_balance_residual or 0.0 for engine in engines)
     balance = Verdict(
         "The energy balance closes to "
-        f"{signed(comparison.circuit.energy_balance_residual, '.2%')} of the input in the circuit "
-        f"and {signed(comparison.monte_carlo.energy_balance_residual, '.2%')} in Monte Carlo."
+        f"{signed(circuit, '.2%')} of the input in the circuit and {signed(other, '.2%')} in Monte "
+        "Carlo."
     )
     return [comparison.verdict(), balance, *closures, *refused]
 
