@@ -516,7 +516,9 @@ def sensitivity(
 
     Parameters
     ----------
-    The scene; each device has its [run], with half of the realizations for each of two replicates.
+    scene : Scene
+        The scene; each device has its [run], with half of the realizations for each of two
+        replicates.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
         see `harvester.studies.sensitivity.tolerances`.
@@ -608,9 +610,9 @@ def optimum(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; its [run] is used first at each point (over one parameter), or for each
         The scene. Its [run] is that of the first runs at each point (one parameter), or of each
         evaluation (several parameters).
+    over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within the
         key's limits); several may be given.
     low : float or None
