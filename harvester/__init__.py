@@ -35,6 +35,8 @@ with open(os.path.join(os.path.dirname(__file__), "__init__.pyi"), encoding="utf
     _IMPORTS = [line.split() for line in _stub if line.startswith("from ")]
 _WHERE = {words[-1]: words[1] for words in _IMPORTS}
 __all__ = list(_WHERE)
+# Commands that are no functions, since files are all that they read or write.
+COMMANDS_ONLY = ("cite", "completion", "engine", "load", "new", "schema")
 
 
 def __getattr__(name: str) -> object:
@@ -42,7 +44,10 @@ def __getattr__(name: str) -> object:
         return getattr(importlib.import_module(_WHERE[name]), name)
     from harvester.base.plain_text import nearest
 
-    raise AttributeError(f"module 'harvester' has no attribute {name!r}{nearest(name, __all__)}")
+    hint = nearest(name, __all__)
+    if name in COMMANDS_ONLY:
+        hint = f"; on the command line: harvester {name}"
+    raise AttributeError(f"module 'harvester' has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:

@@ -33,6 +33,10 @@ from harvester.validation.public import accuracy as accuracy
 from harvester.validation.public import stability as stability
 from harvester.validation.public import verify as verify
 from harvester.validation.reproduce import reproduce as reproduce
+from harvester.statistics.paired import paired_difference as paired_difference
+from harvester.cli.beam import beam as beam
+from harvester.cli.circuit import export as export
+from harvester.cli.circuit import netlist as netlist
 from circuits.equivalent.schematic.drawing import schematic as schematic
 from harvester.base.errors import HarvesterError as HarvesterError
 from harvester.base.errors import SceneError as SceneError

@@ -137,16 +137,15 @@ def _check(device):
             'state that fokker_planck follows; use "energy", or simulate'
         )
     if timescales.contact_time(device) < SHORTEST_CONTACT * period(device):
-        stiffest = max(contact.law.stiffness for contact in device.contacts)
         raise AveragingError(
-            f"stoppers.stiffness={stiffest:g}: contacts last less than {SHORTEST_CONTACT:g} of a "
+            f"stoppers.stiffness: contacts last less than {SHORTEST_CONTACT:g} of a "
             "period, too short for the steps of fokker_planck: simulate"
         )
     rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / period(device)
     if rate > fastest:
         raise AveragingError(
-            f"decay_rate={rate:g} exceeds {fastest:.3g} /s, the limit for the steps of "
-            "fokker_planck: simulate"
+            f"the transducer's charge decays at {rate:.3g} /s, which exceeds {fastest:.3g} /s, the "
+            "limit for the steps of fokker_planck: simulate"
         )
 
 
@@ -171,9 +170,10 @@ def _slow_decay(device, slowest, tolerance):
     name, excess = _worst(means, error)
     if excess > tolerance:
         raise AveragingError(
-            f"decay_rate={rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck takes by "
-            f"itself, {name.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
-            f"the tolerance of {tolerance:g}: jumps between the wells are as slow; simulate"
+            f"the transducer's charge decays at {rate:.3g} /s: from {slowest:.3g} /s, the slowest "
+            f"that fokker_planck takes by itself, {name.replace('_', ' ')} is continued by "
+            f"{excess:.2g} of itself, more than the tolerance of {tolerance:g}: jumps between the "
+            "wells are as slow; simulate"
         )
     return _answer((grids, means, error))
 
@@ -221,8 +221,8 @@ def _first(task, tolerance):
         and requested < solved
     ):
         raise AveragingError(
-            f"decay_rate={requested:g}: jumps between the wells are as slow as the {solved:.3g} /s "
-            "from which fokker_planck continues its means: simulate"
+            f"the transducer's charge decays at {requested:.3g} /s: jumps between the wells are as "
+            f"slow as the {solved:.3g} /s from which fokker_planck continues its means: simulate"
         )
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
     level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)

@@ -292,8 +292,8 @@ def _outer_range(edge):
     last = _zeros(level, fall - OUTER_EXPONENT)
     if last.size == 0:
         raise AveragingError(
-            f"damping={s.damper.damping:g} with coupling={coupling:g} does not bound the energy; "
-            "raise one of them or let the stoppers dissipate (restitution < 1)"
+            "damping and coupling do not bound the energy; raise one of them or let the stoppers "
+            "dissipate (restitution < 1)"
         )
     return fold, last[0]
 

@@ -32,7 +32,7 @@ def over_orbits(closure: str, device: System, tolerance: float, memory: bool) ->
         if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
             raise AveragingError(
                 f"{name.replace('_', ' ')} changes from one grid to a finer one by "
-                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
+                f"{error[name] / abs(mean):.2g} of itself, more than {tolerance:g}: "
                 "use softer stoppers, or simulate"
             )
     return Averages(**fine, numerical_error=error, density=density)
@@ -64,8 +64,8 @@ def _check(s):
     linear, cubic = stiffnesses(s)
     if linear <= 0.0 and cubic <= 0.0 and not any(law.stiffness > 0.0 for law in laws):
         raise AveragingError(
-            f"linear_stiffness={linear:g} without cubic_stiffness or stoppers does "
-            "not confine the motion; give one of them"
+            "oscillator.linear_stiffness without cubic_stiffness or stoppers does not confine the "
+            "motion; give one of them"
         )
     memory, relaxation = s.noise.correlation_time, timescales.relaxation_time(s)
     if memory > relaxation:
@@ -76,9 +76,9 @@ def _check(s):
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(
-            f"coupling={s.transducer.coupling:g} leaves no double well against "
-            f"linear_stiffness={linear:g}; averaging needs coupling below "
-            f"{-linear:g}: use the closure fokker_planck"
+            f"the open piezo's stiffness is {-s.transducer.coupling / linear:.3g} times that of "
+            "oscillator.linear_stiffness, which leaves no double well; averaging needs less than 1 "
+            "(less coupling): use the closure fokker_planck"
         )
 
 

@@ -242,9 +242,9 @@ class Region(NamedTuple):
         displaced = self.displaced(device)
         if displaced > allowed:
             raise AveragingError(
-                f"coupling={device.transducer.coupling:g}: the charge displaces the mass by "
-                f"{displaced:.2g} times the width of its density, too far for fokker_planck: "
-                "simulate"
+                f"the transducer's charge displaces the mass by {displaced:.2g} half widths of its "
+                f"density, and fokker_planck takes {GREATEST_DISPLACEMENT:g}: take more noise "
+                "(excitation.intensity) or less coupling, or simulate"
             )
 
     def _charges(self, device, nodes, mirrored, step):

@@ -64,8 +64,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     for name, mean in means.items():
         if not error[name] <= tolerance * abs(mean):
             raise AveragingError(
-                f"{name.replace('_', ' ')} changes from fewer nodes to more by {error[name]:.2g} "
-                f"of {mean:.3g}, more than {tolerance:g} of itself: simulate"
+                f"{name.replace('_', ' ')} changes from fewer nodes to more by "
+                f"{error[name] / abs(mean):.2g} of itself, more than {tolerance:g}: simulate"
             )
     gaussian = not excitation.lines and getattr(excitation, "kurtosis", 3.0) == 3.0
     density = GaussianDensity(system, fine, gaussian)

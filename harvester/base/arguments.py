@@ -19,8 +19,8 @@ MOST_VALUES = 100_000
 # If the last of three values is at least this, they may be meant as a range with a number of
 # points.
 FEWEST_POINTS = 3
-# Most names listed in a message.
-MOST_NAMED = 60
+# Most names listed in a message, and most rows of a table.
+MOST_NAMED, FEW_ROWS = 60, 2
 # numpy's defaults for floating-point errors.
 USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
@@ -111,14 +111,19 @@ def check_known(function: str, options: Iterable[str], known: Collection[str]) -
 class Named(dict):
     """Values by name; an unknown name raises UnknownQuantity with a list of all names.
 
-    `where`: beginning of the message, such as "paper: no density of".
+    `where`: beginning of the message, such as "paper: no density of". `address`: the expression
+    that has these values, where rows of numbers name them.
     """
 
-    def __init__(self, where: str, values: Mapping[Any, Any]) -> None:
+    def __init__(self, where: str, values: Mapping[Any, Any], address: str = "") -> None:
         super().__init__(values)
-        self.where = where
+        self.where, self.address = where, address
 
     def __missing__(self, name: object) -> Any:
+        rows = [repr(key).strip("()") for key in self if not isinstance(key, str)]
+        if rows and self.address:
+            some = " or ".join(f"{self.address}[{row}]" for row in rows[:FEW_ROWS])
+            raise UnknownQuantity(f"{self.where} {named(name)}: write {some} ({len(rows)} rows)")
         raise unknown(self.where, name, self, UnknownQuantity)
 
 

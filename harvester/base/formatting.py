@@ -9,6 +9,8 @@ import math
 from typing import Protocol
 
 NO_ERROR_BAR = " (no error bar)"
+# Follows a number that the data do not confirm; the table's legend gives the reason.
+UNCERTAIN = " (?)"
 # Largest number of digits of a value: further digits are rounding errors.
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -216,6 +218,16 @@ def written(value: float, how: str, unit: str = "") -> Printed:
     ('+1.2%', '—')
     """
     return Printed(f"{value:{how}}" if math.isfinite(value) else NOT_KNOWN, value, None, unit)
+
+
+def signed(value: float, how: str) -> str:
+    """A number with its sign by a format specification; a zero has none.
+
+    >>> signed(-0.31, ".1f"), signed(0.04, ".1f"), signed(-0.0001, ".1%")
+    ('-0.3', '0.0', '0.0%')
+    """
+    text = f"{value:+{how}}"
+    return text if any(digit in text for digit in "123456789n") else text[1:]
 
 
 def count(size: float | None) -> Printed:

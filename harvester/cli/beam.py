@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from harvester.base.errors import SceneError
+from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.results.beam_values import BeamValues
     from harvester.scene.model import Scene
 
 
+@takes_scene
 def beam(scene: Scene) -> BeamValues:
     """Show the lumped values of a scene's drawing: mass, spring, coupling, capacitance,
     frequencies.

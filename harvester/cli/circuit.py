@@ -12,18 +12,21 @@ from harvester.base.errors import HarvesterError
 from harvester.base.signatures import File, Hertz, Kind, Metres, Seconds, Step
 from harvester.cli.shown import is_quiet, say
 from harvester.interop.formats import write
+from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
+Output = Annotated[str | Path, Kind("FILE", "a path", lambda value: isinstance(value, (str, Path)))]
 # The notes on a new load give its computing time for a record of this length, in seconds.
 RECORD = 10.0
 
 
+@takes_scene
 def netlist(
     scene: Scene,
     *,
-    output: File = "-",
+    output: Output = "-",
     dialect: str = "ngspice",
     step: Step = "default",
     realization: int = 0,
@@ -51,11 +54,12 @@ def netlist(
     write(scene, "deck", output, say, dialect=dialect, step=step, realization=realization)
 
 
+@takes_scene
 def export(
     scene: Scene,
     *,
     kind: Annotated[str, Kind("KIND", option="as")] = "deck",
-    output: File = "-",
+    output: Output = "-",
     dialect: str | None = None,
     step: Step | None = None,
     realization: int | None = None,

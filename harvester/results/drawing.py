@@ -13,6 +13,7 @@ from harvester.base.arguments import check_known
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import Panel, Series, draw_panels, draw_series
 from harvester.statistics.estimate import Density
+from harvester.statistics.units import inverse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,5 +147,4 @@ def axis_label(result: Any, name: str) -> str:
 def density_label(result: Any, name: str) -> str:
     """Label of a density's axis, such as "probability density [1/m]"."""
     unit = result.unit(name)
-    inverse = f"1/{f'({unit})' if '/' in unit else unit}"
-    return f"probability density [{'scaled' if unit.startswith('scaled') else inverse}]"
+    return f"probability density [{'scaled' if unit.startswith('scaled') else inverse(unit)}]"

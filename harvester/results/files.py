@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-from harvester.base.errors import HarvesterError, OutputError
+from harvester.base.errors import HarvesterError, OutputError, UnknownQuantity
 from harvester.base.plain_text import named, shown
 from harvester.base.tables import write_csv, write_netcdf
 from harvester.base.writing import in_folder, write_json, write_text
@@ -94,7 +94,7 @@ def _write_one(result, path, ending):
     elif ending == ".nc":
         write_netcdf(path, result.to_xarray())
     else:
-        figure = result.figure()
-        if figure is None:
-            raise OutputError(f"{path}: the result has no figure: choose .json, .csv or .nc")
-        figures.write(figure, path)
+        try:
+            figures.write(result.figure(), path)
+        except UnknownQuantity as error:
+            raise OutputError(f"{path}: {error}") from None

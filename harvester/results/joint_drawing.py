@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 # Densities below this share of their peak are left blank.
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
+# What the figures of a result need, see `harvester.results.view.Picture`.
+NOT_IN_JSON = "which JSON does not hold: run the scene again"
+NEEDS = (
+    'a joint density, of simulate(…, joint_density=True) or average(…, method="fokker_planck"), '
+    f"{NOT_IN_JSON}"
+)
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
 
 

@@ -115,8 +115,7 @@ def draw_panels(
     size : (float, float)
         Size of a panel, in inches.
     columns : int
-        Maximum number of panels in a row; if all y labels are equal, only a row's first panel has
-        one.
+        Maximum number of panels in a row; of neighbours with equal y labels only the first has one.
     **shared
         `sharex`, `sharey` of `matplotlib.figure.Figure.subplots`.
     """
@@ -127,10 +126,9 @@ def draw_panels(
     wide = max(1.2 + size[0] * columns, 5.0)
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
     axes_grid = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
-    same = len({panel.y_label for panel in panels}) == 1
     for index, (axes, panel) in enumerate(zip(axes_grid, panels, strict=False)):
         _draw_panel(axes, panel)
-        if same and index % columns:
+        if index % columns and panel.y_label == panels[index - 1].y_label:
             axes.set_ylabel("")
     for axes in axes_grid[len(panels) :]:
         axes.remove()

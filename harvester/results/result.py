@@ -42,7 +42,7 @@ from harvester.statistics.joint_density import JointDensity
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import USED, step_sizes
 from harvester.statistics.strain import without_line
-from harvester.statistics.units import SI_UNITS, unit_of
+from harvester.statistics.units import SI_UNITS, inverse, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -161,7 +161,7 @@ class Result(ResultBase):
 
     def _numbers(self) -> Named:
         """All estimates in the table; each mean square is followed by its root."""
-        return Named(f"{self.scene.name}: no quantity", with_roots(self.quantities))
+        return Named(f"{self.scene.name}: no quantity", self.quantities)
 
     @cached_property
     def prepared_scene(self) -> Prepared:
@@ -175,8 +175,8 @@ class Result(ResultBase):
 
     @property
     def quantities(self) -> dict[str, Estimate]:
-        """All estimates in the scene's units."""
-        return {name: self.quantity(name) for name in self.scaled_quantities}
+        """All estimates in the scene's units; each mean square is followed by its root."""
+        return with_roots({name: self.quantity(name) for name in self.scaled_quantities})
 
     def unit(self, dimension: str) -> str:
         """Unit of a dimension like "voltage^2" in this scene."""
@@ -190,8 +190,8 @@ class Result(ResultBase):
         content = {
             **fields_of(self),
             "quantities": {
-                name: estimate.to_dict(self.unit(estimate.dimension))
-                for name, estimate in self.quantities.items()
+                name: self.quantity(name).to_dict(self.unit(estimate.dimension))
+                for name, estimate in self.scaled_quantities.items()
             },
             "scaled_quantities": {
                 name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
@@ -276,12 +276,13 @@ class Result(ResultBase):
     def density_table(self) -> Table:
         """The densities in the scene's units, one row per bin."""
         header = ["quantity", "centre", "density", "standard_error", "unit_of_centre"]
+        header += ["unit_of_density"]
         rows = []
         for name, density in self.densities.items():
             scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
             errors = _bin_errors(density) / scale
             columns = zip(density.centre * scale, density.density / scale, errors, strict=True)
-            rows += [[name, *numbers, unit] for numbers in columns]
+            rows += [[name, *numbers, unit, inverse(unit)] for numbers in columns]
         return Table(header, rows)
 
     def view(self) -> View:
@@ -291,8 +292,8 @@ class Result(ResultBase):
             self._findings(),
             headline=headline(self),
             pictures=[
-                Picture(draw_result, self),
-                Picture(joint_drawing.draw, [self], "joint"),
+                Picture(draw_result, self, needs=f"densities, {joint_drawing.NOT_IN_JSON}"),
+                Picture(joint_drawing.draw, [self], "joint", joint_drawing.NEEDS),
                 *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
             ],
             records=self._records,
@@ -307,8 +308,11 @@ class Result(ResultBase):
         A mean square is followed by its root, and a value without error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
-        value = "value ± numerical" if numerical else "estimate ± standard"
-        header = ["quantity", "unit", f"{value} error"]
+        header = [
+            "quantity",
+            "unit",
+            f"estimate ± {'numerical' if numerical else 'standard'} error",
+        ]
         header += ["effective samples"] * (not numerical)
         printed = self._numbers()
         # A column explains missing error bars.
@@ -415,11 +419,11 @@ class Result(ResultBase):
 
 def _add_density(variables, name, axes, density, scale, unit):
     """Add a density with its axes and error; `scale` and `unit` are those of its area."""
-    inverse = {"unit": f"1/({unit})"}
-    variables[f"{name}_density"] = (axes, density.density / scale, inverse)
+    attributes = {"unit": inverse(unit)}
+    variables[f"{name}_density"] = (axes, density.density / scale, attributes)
     if density.standard_error is not None:
         errors = _bin_errors(density) / scale
-        variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
+        variables[f"{name}_density_standard_error"] = (axes, errors, attributes)
 
 
 def _bin_errors(density):

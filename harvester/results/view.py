@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from harvester.base.arguments import Named
-from harvester.base.formatting import NOT_KNOWN, Printed
+from harvester.base.errors import UnknownQuantity
+from harvester.base.formatting import NOT_KNOWN, UNCERTAIN, Printed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import json_text, nearest, one_line
 from harvester.base.serialising import fields_of
@@ -55,14 +56,17 @@ class Picture:
     content : object
     name : str
         Part of the file's name; empty for the main figure.
+    needs : str
+        What there must be to draw, and how to get it, for the message where it is missing.
     """
 
     draw: Callable[[Any], Figure | None]
     content: Any
     name: str = ""
+    needs: str = ""
 
     def figure(self) -> Figure | None:
-        """Draw the figure in the project's style."""
+        """Draw the figure in the project's style; None if there is nothing to draw."""
         return figures.drawn(self.draw, self.content)
 
     def html(self, alternative: str = "", caption: str = "") -> str:
@@ -188,7 +192,9 @@ class ResultBase(ABC):
             row_key = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):
                 outer, inner = (row[0], words) if names[0] == "quantity" else (words, row_key)
-                of_name = numbers.setdefault(outer.replace(" ", "_"), Named(f"{outer}: no", {}))
+                name = outer.replace(" ", "_")
+                empty = Named(f"{outer}: no", {}, f'result["{name}"]')
+                of_name = numbers.setdefault(name, empty)
                 if outer == words or isinstance(cell, Printed):
                     of_name[inner] = _number(cell)
         return numbers
@@ -205,20 +211,25 @@ class ResultBase(ABC):
         """The main finding in one line."""
         return self.view().main_finding
 
-    def figure(self, name: str = "") -> Figure | None:
-        """A figure by its name (default: the main figure); None if there is nothing to draw.
+    def figure(self, name: str = "") -> Figure:
+        """A figure by its name (default: the main figure).
 
         Raises
         ------
         UnknownQuantity
-            The result has no figure of this name.
+            The result has no figure of this name, or nothing to draw in it.
         """
-        pictures = self.view().pictures
-        if not name:
-            return pictures[0].figure() if pictures else None
+        pictures, kind = self.view().pictures, type(self).__name__
         by_name = {picture.name: picture for picture in pictures if picture.name}
-        where = f"{type(self).__name__}: the main figure is figure(), without a name; no figure"
-        return Named(where, by_name)[name].figure()
+        where = f"{kind}: the main figure is figure(), without a name; no figure"
+        picture = Named(where, by_name)[name] if name else next(iter(pictures), None)
+        figure = picture.figure() if picture else None
+        if figure is None:
+            needs = f": {picture.needs}" if picture and picture.needs else ""
+            raise UnknownQuantity(
+                f"{kind}: there is nothing to draw in {name or 'a figure'}{needs}"
+            )
+        return figure
 
     def data(self) -> Table:
         """Header and rows of all numbers without rounding; text is unchanged."""
@@ -352,6 +363,9 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
             columns[f"{words} standard error{suffix}"] = [
                 getattr(cell, "error", None) for cell in cells
             ]
+        if any(cell.endswith(UNCERTAIN) for cell in printed):
+            marks = [str(cell).endswith(UNCERTAIN) for cell in cells]
+            columns[f"{words}{UNCERTAIN}"] = marks
         if len(units) > 1 and "unit" not in header:
             columns[f"{words} unit"] = [getattr(cell, "unit", "") for cell in cells]
     return Table([*columns], [list(row) for row in zip(*columns.values(), strict=True)])

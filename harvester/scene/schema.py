@@ -27,7 +27,9 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     names = [*Top.KEYS, *classes]
     for name, value in tables.items():
         if name not in names:
-            hint = f"{nearest(name, [*names, *all_keys()])}; there are {', '.join(names)}"
+            # Of keys that are alike, the one of a table that is there.
+            near = sorted(all_keys(), key=lambda key: key.partition(".")[0] not in tables)
+            hint = f"{nearest(name, [*names, *near])}; there are {', '.join(names)}"
             raise SceneError(f"{origin}: unknown key {named(name)}{hint}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             most = SEVERAL[name]

@@ -104,7 +104,7 @@ class Estimate:
             f"{self}{operation}: an Estimate can only be multiplied and divided by numbers; "
             "compute "
             "and compare with float(…), or with .estimate and .standard_error (errors on the same "
-            "noise are correlated)"
+            "noise are correlated: harvester.paired_difference compares two results)"
         )
 
     __rmul__ = __mul__

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from harvester.base.errors import HarvesterError
 from harvester.statistics.batch_means import (
     complete_batches,
     ratio_deviations,
@@ -46,7 +47,18 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     dict of str to Estimate
         (result − reference)/reference of every mean over time, and of the power conversion
         efficiency.
+
+    Raises
+    ------
+    HarvesterError
+        A result holds no moments: of averaging, or read from JSON.
     """
+    for run in (result, reference):
+        if not getattr(run, "moments", ()):
+            raise HarvesterError(
+                f"paired_difference: {run}: holds no batches on a path of noise, as averaging and "
+                "results of JSON do; give two results of simulate"
+            )
     balances = [
         well_balance(run.scene, run.prepared_scene.system, run.moments)
         for run in (result, reference)

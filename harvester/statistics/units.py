@@ -24,6 +24,11 @@ SI_UNITS = {
 }
 
 
+def inverse(unit: str) -> str:
+    """The unit of a density, "1/m" or "1/(m/s)"."""
+    return f"1/{f'({unit})' if '/' in unit or ' ' in unit else unit}"
+
+
 def unit_of(scene: Scene, dimension: str) -> str:
     """Unit of a dimension such as "voltage^2" in the scene's units."""
     base, _, exponent = dimension.partition("^")

@@ -35,6 +35,8 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Most panels in a row that has one for each point of the other keys, and their size (inches).
+MOST_COLUMNS, SMALL = 6, (2.3, 2.2)
 # Horizontal distance in points between the markers of two engines at the same point.
 APART = 6.0
 # Width of the first line, and decrease for each further line, so that coinciding lines are visible.
@@ -333,19 +335,27 @@ def _value(cell, name, attribute):
 
 
 def _draw(sweep):
-    """Draw a panel for each quantity and each point of the other keys."""
+    """Draw a row of panels for each quantity, with a panel for each point of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
     # Numeric axes are preferred to text axes, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
-    other_axes = [range(length) for k, length in enumerate(lengths) if k != along]
-    panels = [
-        _panel(sweep, name, along, other)
-        for name in sweep.quantities
-        for other in itertools.product(*other_axes)
-    ]
+    ranges = [range(length) for k, length in enumerate(lengths) if k != along]
+    others = [*itertools.product(*ranges)]
+    panels = [_panel(sweep, name, along, other) for name in sweep.quantities for other in others]
     title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
-    return draw_panels(panels, title, sharey=len(sweep.quantities) == 1)
+    if not 1 < len(others) <= MOST_COLUMNS:
+        return draw_panels(panels, title, sharey=len(sweep.quantities) == 1)
+    first, last = len(others), len(panels) - len(others)
+    panels = [
+        replace(
+            panel,
+            title=panel.title if k < first else "",
+            x_label=panel.x_label if k >= last else "",
+        )
+        for k, panel in enumerate(panels)
+    ]
+    return draw_panels(panels, title, SMALL, first, sharex=True, sharey="row")
 
 
 def _panel(sweep, name, along, other):
@@ -360,7 +370,8 @@ def _panel(sweep, name, along, other):
         f"{axis} = {value_words(axis, sweep.values[axis][k], sweep.scene.units)}"
         for axis, k in zip(held, other, strict=True)
     ]
-    means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
+    # All panels of a quantity have one unit.
+    means = [cell.estimates[name] for _, cell in sweep.places() if name in cell.estimates]
     unit = unit_of(sweep.scene, means[0].dimension) if means else ""
     if is_share(name):
         factor, unit = 100.0, "%"

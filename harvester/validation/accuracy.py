@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.base.formatting import NOT_KNOWN, Printed, number, share_with_error
+from harvester.base.formatting import NOT_KNOWN, UNCERTAIN, Printed, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
 from harvester.engines.request import Answer, relative_error
@@ -17,6 +17,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.statistics.estimate import Estimate
+from harvester.statistics.units import unit_of
 from harvester.validation import MEANS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
     LIMITS,
@@ -111,21 +112,40 @@ class Accuracy(ResultBase):
         """Errors and times of every method; error against run time."""
         from harvester.validation.accuracy_drawing import draw
 
-        return View(self._table(), self._findings(), pictures=[Picture(draw, self)])
+        pictures = [Picture(draw, self)]
+        return View(self._table(), self._findings(), self._headline(), pictures=pictures)
+
+    def _headline(self) -> str:
+        """Whether the circuit's default step keeps every bias below 1 %, in a few words."""
+        rows = [row for row in self._of_the_circuit() if row.method.refinement == 1]
+        if not rows:
+            return ""
+        unclear = [SYMBOLS[n] for n, bias in rows[0].bias.items() if _verdict(bias) != "below 1 %"]
+        names = " and ".join(unclear)
+        verdict = f"{names} not shown to be below" if unclear else "every mean below"
+        return f"bias of the circuit's default step: {verdict} 1 %"
+
+    def _of_the_circuit(self):
+        """Rows with biases of the circuit as it is by default, with any step."""
+        kinds = ((row, (row.method.source, row.method.scheme)) for row in self.rows if row.bias)
+        return [row for row, kind in kinds if kind == ("external", "trapezoidal")]
+
+    def strong_error(self, row: MethodRow, name: str) -> float:
+        """Error of a state of all paths, in the scene's units."""
+        return row.strong[name] * self.answer.prepared_scene.scales.of(name)
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
-        header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
-        header += ["µs per unit"]
+        states = [f"error {SYMBOLS[name]} [{unit_of(self.scene, name)}]" for name in STATES]
+        header = ["method", "setting", *states, "order of X", "order in theory"]
+        header += [*(f"bias {SYMBOLS[name]}" for name in MEANS), "core time [µs/simulated s]"]
         header += [f"{SYMBOLS[name]} to {limit:.0%}" for name in self.errors for limit in LIMITS]
         rows = [self._cells(row) for row in self.rows]
         for closure, answer in self.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
-            rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
+            rows.append([f"averaging, {closure}", *6 * [""], *biases, ""])
             for name in self.errors:
-                size = abs(self.deviation(closure, name).estimate)
-                seconds = duration(answer["seconds"])
-                rows[-1] += [seconds if size <= limit else NEVER for limit in LIMITS]
+                error = TotalError(self.deviation(closure, name), 0.0, 0.0)
+                rows[-1] += [reached(error, limit, answer["seconds"]) for limit in LIMITS]
         return header, rows
 
     def _setting(self, method):
@@ -141,8 +161,9 @@ class Accuracy(ResultBase):
         return [
             row.method.family,
             self._setting(row.method) + (" (brief run)" if row.method.brief else ""),
-            *(number(row.strong[name], 2) for name in STATES),
-            Printed(f"{number(order, 3)} ({row.method.order})", order),
+            *(number(self.strong_error(row, name), 2) for name in STATES),
+            number(order, 3),
+            number(row.method.order),
             *(_percent(row.bias.get(name)) for name in MEANS),
             number(1e6 * row.seconds_per_unit, 3),
             *(reached(error, limit) for error in errors for limit in LIMITS),
@@ -155,12 +176,15 @@ class Accuracy(ResultBase):
         lines = [
             *self.verdicts(),
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
-            f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
-            "if these follow the restarts of a PWL run",
+            f"{self.exact_paths}; order: least squares over the mean steps, none if these follow "
+            "the restarts of a PWL run",
             f"bias: against {self.reference.family} ({self.longest_step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
-            *["bias of a closure: ± covers its numerical and the reference's sampling error"]
+            *[
+                "bias of a closure: ± covers its numerical and the reference's sampling error; its "
+                "time is that of `average`, with all densities"
+            ]
             * bool(self.closures),
             "a brief run without a rare event, such as a jump between the wells, has too small "
             "an error bar",
@@ -177,11 +201,7 @@ class Accuracy(ResultBase):
 
     def verdicts(self) -> list[str]:
         """Verdict on the bias at the circuit's default step, and the longest step below 1 %."""
-        rows = [
-            row
-            for row in self.rows
-            if row.bias and (row.method.source, row.method.scheme) == ("external", "trapezoidal")
-        ]
+        rows = self._of_the_circuit()
         if not rows:
             return []
         lines = [
@@ -193,7 +213,7 @@ class Accuracy(ResultBase):
         steps = [
             self.longest_step(row.method)
             for row in rows
-            if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below"}
+            if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below 1 %"}
         ]
         if steps:
             return [*lines, f"longest step with every bias shown to be below 1 %: {max(steps):g} s"]
@@ -249,24 +269,27 @@ def bias_verdict(row: MethodRow) -> str:
 
 
 def _verdict(bias):
-    """ "below" or "above" 1 % with significance, or "not resolved"."""
+    """ "below 1 %" or "above 1 %" with significance, or "not resolved"."""
     size, error = abs(bias.estimate), bias.standard_error
     margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
     if size + margin <= WANTED_BIAS:
-        return "below"
-    return "above" if size - margin > WANTED_BIAS else "not resolved"
+        return "below 1 %"
+    return "above 1 %" if size - margin > WANTED_BIAS else "not resolved"
 
 
 # No run is long enough, since the bias alone exceeds the error.
 NEVER = Printed("never", math.inf, None, "s")
 
 
-def reached(error: Any, limit: float) -> str:
-    """The wall time to a `TotalError`, if there is one, as text."""
-    seconds = error.seconds_to(limit) if error else math.nan
+def reached(error: Any, limit: float, whole: float = 0.0) -> str:
+    """The wall time to a `TotalError`, if there is one, as text.
+
+    `whole`: seconds of a method without noise, whose answer takes the same time at any error.
+    """
+    seconds = whole + error.seconds_to(limit) if error else math.nan
     if not math.isfinite(seconds):
         return NEVER if math.isinf(seconds) else NOT_KNOWN
-    return Printed(duration(seconds) + " (?)" * (not error.is_shown(limit)), seconds, None, "s")
+    return Printed(duration(seconds) + UNCERTAIN * (not error.is_shown(limit)), seconds, None, "s")
 
 
 def duration(seconds: float) -> Printed:

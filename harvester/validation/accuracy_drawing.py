@@ -14,6 +14,7 @@ import numpy as np
 from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
 from harvester.results.panels import Panel, Series, draw_panels
+from harvester.statistics.units import unit_of
 from harvester.validation import MEANS
 from harvester.validation.accuracy_measurement import LIMITS, is_reference
 
@@ -85,12 +86,14 @@ def _strong_errors(study, marks):
         label = f"{group}: order {measured} ({rows[0].method.order})" if measured else group
         for family in families:
             ours = [row for row in rows if row.method.family == family]
-            errors = [row.strong["displacement"] for row in ours]
+            errors = [study.strong_error(row, "displacement") for row in ours]
             x = [study.run_seconds(row) for row in ours]
             series.append(_points(ours[0], marks, x, errors, line="-", label=label))
             label = None
     title = f"strong error over {study.horizon:.3g} s, {study.paths} paths"
-    return _panel(series, _run_time(study), "RMS error of X [scaled]", title)
+    return _panel(
+        series, _run_time(study), f"RMS error of X [{unit_of(study.scene, 'displacement')}]", title
+    )
 
 
 def _run_time(study):

@@ -61,7 +61,7 @@ from harvester.validation.accuracy_methods import (
     THOROUGH_METHODS,
     ComparedMethod,
 )
-from harvester.validation.paths import from_rest, recorded, states_at_knots
+from harvester.validation.paths import from_rest, longest_step, recorded, states_at_knots
 
 # Number of paths for strong errors.
 PATHS = 4
@@ -291,6 +291,9 @@ def measure(
         every = THOROUGH_METHODS if thorough else METHODS
         compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
         methods = LOAD_METHODS if with_load else (*every, *compiled)
+        # No step is longer than the time between two samples of the excitation.
+        default = {m.engine: longest_step(model, "default", m.engine) for m in methods}
+        methods = [m for m in methods if m.refinement >= 1 or m.step(model) > default[m.engine]]
     methods = tuple(methods)
     short = _short_scene(model, PATHS * factor)
     strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
@@ -467,9 +470,9 @@ def realizations_task(
 
 
 def averages_once_more(prepared_scene: Prepared, closure: str, report: Callable) -> dict[str, Any]:
-    """A scene by a closure, timed without compilation (called in a worker process)."""
+    """A scene by a closure, with densities, timed without compilation, in a worker process."""
     for _ in range(2):
-        answer = averages(prepared_scene, closure, None, False, report)
+        answer = averages(prepared_scene, closure, None, True, report)
     return answer
 
 

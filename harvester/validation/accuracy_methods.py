@@ -48,8 +48,9 @@ class ComparedMethod:
         return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
 
     def step(self, model: Prepared) -> float:
-        """Longest step (s)."""
-        return longest_step(model, "default", self.engine) / self.refinement
+        """Longest step (s): a whole part of the time between two samples of the excitation."""
+        asked = longest_step(model, "default", self.engine) / self.refinement
+        return longest_step(model, asked, self.engine)
 
     def together(self, model: Prepared) -> int:
         """Realizations per netlist; the fastest number if `copies` is None."""

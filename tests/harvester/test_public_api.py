@@ -12,6 +12,7 @@ import pytest
 
 import harvester
 from harvester.base import errors
+from harvester.cli.table import COMMANDS
 
 ROOT = Path(harvester.__file__).parents[1]
 PUBLIC = [name for name in harvester.__all__ if name != "__version__"]
@@ -85,3 +86,24 @@ def test_every_public_function_is_annotated(package):
         if (found := list(bare_functions(ast.parse(path.read_text("utf-8")).body)))
     }
     assert not bare
+
+
+def test_a_command_that_is_no_function_is_named():
+    names = {command.replace("-", "_") for command in COMMANDS}
+    assert names - set(harvester.__all__) == set(harvester.COMMANDS_ONLY)
+    with pytest.raises(AttributeError, match="on the command line: harvester new"):
+        assert harvester.new
+
+
+def test_a_netlist_is_exported_from_python(tmp_path):
+    harvester.netlist("paper", output=tmp_path / "paper.cir")
+    harvester.export("paper", kind="deck", output=tmp_path / "same.cir")
+    assert (tmp_path / "paper.cir").read_bytes() == (tmp_path / "same.cir").read_bytes()
+
+
+def test_a_paired_difference_without_batches_is_refused():
+    result = harvester.average("linear", method="spectral")
+    with pytest.raises(harvester.HarvesterError, match=r"no batches .*results of simulate"):
+        harvester.paired_difference(result, result)
+    with pytest.raises(harvester.HarvesterError, match=r"harvester\.paired_difference"):
+        assert result["mean_power"] - result["mean_power"]

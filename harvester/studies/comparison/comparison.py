@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.averaging.closures import notes_on_errors
-from harvester.base.formatting import NOT_KNOWN, Printed, share_with_error, written
+from harvester.base.formatting import NOT_KNOWN, Printed, share_with_error, signed, written
 from harvester.base.serialising import plain
 from harvester.base.symbols import definitions
 from harvester.results import joint_drawing
@@ -53,6 +53,8 @@ LIMITS = {
     "consistent": "it assumes motion in one well and neglects the slow voltage after "
     "a jump between wells",
 }
+# A quantity that a method does not give.
+_NOTHING = Estimate(math.nan, None, None, "1")
 # Number of periods of small oscillations in the waveform.
 SHOWN_PERIODS = 20
 
@@ -89,15 +91,15 @@ class Comparison(ResultBase):
     def compared(self) -> tuple[str, ...]:
         """Names of the quantities that are compared."""
         quantities = self.monte_carlo.scaled_quantities
-        return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
+        names = (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
+        return tuple(with_roots({name: quantities[name] for name in names}))
 
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in combined standard errors; NaN without error bars.
 
         The two are treated as independent, which is conservative for common noise.
         """
-        a = self.circuit.scaled_quantities[name]
-        b = self.monte_carlo.scaled_quantities[name]
+        a, b = (_scaled(result, name) for result in self._engines())
         if a.standard_error is None or b.standard_error is None:
             return math.nan
         joint = math.hypot(a.standard_error, b.standard_error)
@@ -107,8 +109,7 @@ class Comparison(ResultBase):
 
     def share(self, name: str) -> float:
         """(Circuit − Monte Carlo)/Monte Carlo of a mean; NaN if Monte Carlo's is 0."""
-        a = self.circuit.scaled_quantities[name].estimate
-        b = self.monte_carlo.scaled_quantities[name].estimate
+        a, b = (_scaled(result, name).estimate for result in self._engines())
         return a / b - 1.0 if b else math.nan
 
     @property
@@ -143,9 +144,8 @@ class Comparison(ResultBase):
 
         NaN for a quantity that the closure does not compute.
         """
-        estimate = self.closures[closure].scaled_quantities.get(name)
-        value = math.nan if estimate is None else estimate.estimate
-        reference = self.monte_carlo.scaled_quantities[name]
+        value = _scaled(self.closures[closure], name).estimate
+        reference = _scaled(self.monte_carlo, name)
         share = value / reference.estimate - 1.0 if reference.estimate else math.nan
         error = reference.standard_error
         return share, (value - reference.estimate) / error if error else math.nan
@@ -159,7 +159,11 @@ class Comparison(ResultBase):
         return View(
             self._table(),
             self._findings(),
-            pictures=[Picture(draw_comparison, self), Picture(joint_drawing.draw, joint, "joint")],
+            headline=self.verdict().text.partition(";")[0].removesuffix("."),
+            pictures=[
+                Picture(draw_comparison, self),
+                Picture(joint_drawing.draw, joint, "joint", joint_drawing.NEEDS),
+            ],
             records=self._records,
             methods=self.results_by_method(),
             page=self.page,
@@ -167,9 +171,16 @@ class Comparison(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
+        header = [
+            "quantity",
+            "unit",
+            "circuit",
+            "Monte Carlo",
+            "difference [σ]",
+            "paired relative bias",
+        ]
         header += [name for name in self.closures]
-        rows = [row for name in self.compared for row in self._rows(name)]
+        rows = [self._row(name) for name in self.compared]
         timed = (self.circuit, self.monte_carlo, *self.closures.values())
         seconds = [written(result.wall_seconds, ".2f", "s") for result in timed]
         rows.append(["wall time", "s", *seconds[:2], "", "", *seconds[2:]])
@@ -191,46 +202,34 @@ class Comparison(ResultBase):
             [name, method, mean.estimate, mean.standard_error, mean.unit]
             for name in self.compared
             for method, result in self.results_by_method().items()
-            if name in result.scaled_quantities
-            for mean in [result.quantity(name)]
+            for mean in [result.quantities.get(name)]
+            if mean
         ]
 
-    def _rows(self, name):
-        """Row of a quantity; for a mean square also the row of its root, if results have none."""
-        circuit = self.circuit.quantity(name)
+    def _row(self, name):
+        circuit, difference = self.circuit.quantities[name], self.difference(name)
         paired = self.paired.get(name)
         factor, unit = self.circuit.in_print(name, circuit)
         row = [
             name.replace("_", " "),
             unit,
             self.circuit.printed(circuit, factor),
-            self.monte_carlo.printed(self.monte_carlo.quantity(name), factor),
-            Printed(_sigmas(self.difference(name), 2), self.difference(name)),
+            self.monte_carlo.printed(self.monte_carlo.quantities[name], factor),
+            Printed(
+                "no error bar" if math.isnan(difference) else signed(difference, ".2f"), difference
+            ),
             share_with_error(paired) if paired else NOT_KNOWN,
         ]
         for closure, result in self.closures.items():
             share, sigma = self.deviation(closure, name)
-            if name not in result.scaled_quantities:
+            if name not in result.quantities:
                 row.append(NOT_KNOWN)
                 continue
-            value = result.printed(result.quantity(name), factor)
-            text = f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})"
+            value = result.printed(result.quantities[name], factor)
+            sigmas = "no error bar" if math.isnan(sigma) else f"{signed(sigma, '.0f')} σ"
+            text = f"{value} ({signed(share, '.1%')}, {sigmas})"
             row.append(Printed(text, value.value, value.error, value.unit, None, value.estimate))
-        return [row, *self._row_of_root(name)]
-
-    def _row_of_root(self, name):
-        results = (self.circuit, self.monte_carlo, *self.closures.values())
-        quantities = [result.quantities for result in results]
-        roots = [with_roots({name: means[name]} if name in means else {}) for means in quantities]
-        (of_root,) = {*roots[0]} - {name} or {name}
-        if of_root in (name, *self.compared):
-            return []
-        factor, unit = self.circuit.in_print(of_root, roots[0][of_root])
-        values = [
-            result.printed(means[of_root], factor) if of_root in means else NOT_KNOWN
-            for result, means in zip(results, roots, strict=True)
-        ]
-        return [[of_root.replace("_", " "), unit, *values[:2], "", "", *values[2:]]]
+        return row
 
     def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
@@ -295,7 +294,7 @@ class Comparison(ResultBase):
         paired = self.paired.get(name)
         if paired and paired.standard_error is not None:
             return is_sharp(paired.standard_error)
-        circuit, reference = (result.scaled_quantities[name] for result in self._engines())
+        circuit, reference = (_scaled(result, name) for result in self._engines())
         errors = circuit.standard_error or 0.0, reference.standard_error or 0.0
         return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
 
@@ -331,9 +330,9 @@ class Comparison(ResultBase):
         ]
 
     def _reasons_without_error_bar(self, name):
-        """The reasons for missing error bars, without duplicates."""
-        pair = [result.scaled_quantities.get(name) for result in self._engines()]
-        return [mean.note for mean in pair if mean is not None and mean.note][:1]
+        """The first engine's reason, if it has one."""
+        notes = [_scaled(result, name).note for result in self._engines()]
+        return [note for note in notes if note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """∬|p − p'| from each joint density to Monte Carlo's, and the value expected by chance."""
@@ -390,21 +389,21 @@ def _or_infinite(share):
     return math.inf if math.isnan(share) else abs(share)
 
 
-def _sigmas(number, decimals):
-    # Rounding first removes the sign of −0.
-    return (
-        "no error bar" if math.isnan(number) else f"{round(number, decimals) + 0.0:+.{decimals}f} σ"
-    )
+def _scaled(result, name):
+    """A mean in scaled units, also the root of a mean square; NaN if a method does not give it."""
+    return with_roots(result.scaled_quantities).get(name, _NOTHING)
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
     """Verdicts on a comparison, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
+    engines = comparison.circuit, comparison.monte_carlo
+    circuit, other = (engine.energy_balance_residual or 0.0 for engine in engines)
     balance = Verdict(
-        f"The energy balance closes to {comparison.circuit.energy_balance_residual:+.2%} of the "
-        "input in the circuit and "
-        f"{comparison.monte_carlo.energy_balance_residual:+.2%} in Monte Carlo."
+        "The energy balance closes to "
+        f"{signed(circuit, '.2%')} of the input in the circuit and {signed(other, '.2%')} in Monte "
+        "Carlo."
     )
     return [comparison.verdict(), balance, *closures, *refused]
 
@@ -418,8 +417,8 @@ def _closure(comparison, name):
     tail = f" Known limits: {'; '.join(reasons)}." if reasons else " No known limit explains this."
     if not _off(share, sigma):
         agreed = (
-            f"{subject} agrees with Monte Carlo's {words(JUDGED_BY)}: {share:+.1%}, {sigma:+.1f} "
-            "standard errors"
+            f"{subject} agrees with Monte Carlo's {words(JUDGED_BY)}: {signed(share, '.1%')}, "
+            f"{signed(sigma, '.1f')} standard errors"
         )
         other = _farthest(comparison, name)
         return Verdict(f"{agreed}, but {other}.{tail}" if other else f"{agreed}.", not other)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 LEGEND = (
     "± one standard error, or a closure's numerical error; in brackets its deviation from Monte "
     "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
-    "Monte Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
+    "Monte Carlo in joint standard errors σ. Paired relative bias: the same as a share, on common "
+    "noise."
 )
 JOINT_CAPTION = (
     "Displacement and velocity together, on the same grid and colour scale; dots: wells, crosses: "

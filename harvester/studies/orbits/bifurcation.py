@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base import formatting as numbers
+from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, with_error
 from harvester.base.plain_text import json_text
@@ -196,6 +197,17 @@ class Bifurcation(ResultBase):
                     [branch.direction, float(value), branch.motion[k], *map(float, numbers)]
                 )
         return header, rows
+
+    def _numbers(self) -> Named:
+        """The records' numbers, each mean with its error as an estimate."""
+        numbers = super()._numbers()
+        for name, dimension in QUANTITIES.items():
+            errors = numbers.pop(f"error_of_the_{name}")
+            for place, value in numbers[name].items():
+                error = errors[place] if math.isfinite(errors[place]) else None
+                unit = self.unit(dimension)
+                numbers[name][place] = Estimate(value, error, None, dimension, unit=unit)
+        return numbers
 
     def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""

@@ -199,6 +199,11 @@ class Residence(ResultBase):
                 f"{FEWEST_STAYS} stays: {self.scene.excitation.longer_run(self.scene.run)}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
+        if any(stay.kramers for stay in self.stays):
+            lines.append(
+                "Kramers' formula is asymptotic: its relative error is of the order of one over "
+                "the barrier in temperatures"
+            )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
         if missed:
             lines.append(
@@ -443,8 +448,9 @@ def _refusal(prepared_scene, well):
     if any(stopper.restitution < 1.0 for stopper in prepared_scene.scene.stoppers):
         return "stoppers take energy"
     omega = math.sqrt(max(timescales.stiffness(system, well), 0.0))
-    added = system.transducer.loss_rate(omega)
-    stiffer = system.transducer.stiffness(omega**2)
+    added, rate = system.transducer.loss_rate(omega), system.transducer.decay_rate()
+    # Real and imaginary part of β iω/(iω + λ), the transducer's force over the displacement.
+    stiffer = added * omega**2 / rate if rate else system.transducer.stiffness(omega**2)
     if added > MOST_TRANSDUCER * system.damper.damping or stiffer > MOST_TRANSDUCER * omega**2:
         return "the transducer takes energy and stiffens the wells"
     barrier = timescales.barrier(system, well) * system.damper.damping / system.noise.intensity

@@ -47,5 +47,5 @@ def test_printed_wells_stay_inside_the_outer_orbits(decay_rate):
 
 def test_nothing_damps():
     p = PAPER._replace(damping=0.0, coupling=0.0, restitution=1.0)
-    with pytest.raises(AveragingError, match="does not bound the energy"):
+    with pytest.raises(AveragingError, match="do not bound the energy"):
         edges(p.system, "paper")

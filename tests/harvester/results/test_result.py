@@ -170,7 +170,10 @@ def test_plain_values_lead_back_to_the_result(result):
     assert again.to_dict() == result.to_dict()
     assert again.quantities == result.quantities
     assert again.scene == result.scene
-    assert again.figure() is None
+    with pytest.raises(harvester.UnknownQuantity, match="JSON does not hold: run the scene again"):
+        again.figure()
+    with pytest.raises(harvester.UnknownQuantity, match="joint_density=True"):
+        again.figure("joint")
 
 
 def test_what_is_not_finite_comes_back_as_missing():
@@ -271,7 +274,19 @@ def test_xarray_holds_every_quantity_and_density_with_its_unit(result):
     # Mirrored about x = 0, so that the bins hold the whole probability.
     total = float(data["displacement_density"].sum() * np.diff(data["displacement"])[0])
     assert total == pytest.approx(1.0, rel=1e-9)
-    assert data["displacement_density"].attrs["unit"] == "1/(m)"
+    assert data["displacement_density"].attrs["unit"] == "1/m"
+
+
+def test_the_frame_of_densities_has_the_units_of_both_columns(result):
+    frame = result.to_dataframe("densities").set_index("quantity")
+    units = frame.groupby(level=0)[["unit_of_centre", "unit_of_density"]].first()
+    assert units.loc["velocity"].to_list() == ["m/s", "1/(m/s)"]
+    assert units.loc["displacement"].to_list() == ["m", "1/m"]
+
+
+def test_frames_of_an_engine_and_of_averaging_have_the_same_columns(result):
+    frame = harvester.average("linear", method="spectral").to_dataframe()
+    assert set(frame) < set(result.to_dataframe())
 
 
 def test_without_xarray_the_extra_is_named(result, monkeypatch):
@@ -288,8 +303,9 @@ def test_a_result_is_one_line(result):
 
 def test_a_notebook_shows_every_quantity(result):
     text = result._repr_html_()
-    # Two mean squares have no root among the quantities.
-    assert text.count("<tr>") == 1 + len(result.quantities) + 2
+    assert text.count("<tr>") == 1 + len(result.quantities)
+    assert list(result.quantities) == list(result)
+    assert "rms_displacement" not in result.to_dict()["quantities"]
     assert re.search("<td>mean power</td><td>[µnp]W</td>", text)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import harvester
+from harvester.base.arguments import Named
 from harvester.base.formatting import (
     NOT_KNOWN,
     Printed,
@@ -94,6 +95,13 @@ def test_a_result_answers_by_the_names_of_its_table():
         example["power"]
     with pytest.raises(harvester.UnknownQuantity, match="with rows by method: no circuit"):
         example["circuit"]
+    rows = Named("mean power: no", {("circuit", 0.3): 1.0, ("theory", 0.3): 2.0}, 'result["x"]')
+    with pytest.raises(harvester.UnknownQuantity) as caught:
+        rows["circuit"]
+    assert str(caught.value) == (
+        "mean power: no circuit: write result[\"x\"]['circuit', 0.3] or "
+        "result[\"x\"]['theory', 0.3] (2 rows)"
+    )
     with pytest.raises(AttributeError, match=r'Example has no .*: write result\["mean_power"\]'):
         assert example.mean_power
     with pytest.raises(

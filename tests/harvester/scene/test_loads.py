@@ -152,3 +152,9 @@ def test_replace_reads_no_record_and_other_samples_of_a_changed_one_are_refused(
     (tmp_path / "a.npy").unlink()
     assert scene.replace({"run.seed": 8}).excitation == scene.excitation
     assert "sha256" not in scene.to_tables()["excitation"]
+
+
+def test_a_key_outside_its_table_is_named_with_a_table_of_the_scene():
+    tables = Scene.read("device").to_tables() | {"resistance": 1e5}
+    with pytest.raises(SceneError, match=r"unknown key resistance .did you mean load\.resistance"):
+        Scene.from_tables(tables)

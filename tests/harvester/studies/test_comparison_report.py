@@ -40,7 +40,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def comparison(pool):
-    scene = Scene.read("duffing", ["run.realizations=2", "run.duration=300", "run.settle=10"])
+    scene = Scene.read("duffing", ["run.realizations=4", "run.duration=600", "run.settle=10"])
     results = [
         simulate(scene, method=engine, runner=pool, window=(0.0, 20.0))
         for engine in ("circuit", "monte-carlo")
@@ -102,3 +102,20 @@ def test_the_table_says_why_an_error_bar_is_missing(comparison):
     assert header[-1] == "no error bar because"
     assert {len(row) for row in rows} == {len(header)}
     assert [row[0] for row in rows if row[-1] == reason] == [name.replace("_", " ")]
+
+
+@pytest.mark.slow
+def test_every_column_of_the_table_has_its_own_unit_and_roots_are_compared_too(comparison):
+    header, rows = comparison.table()
+    assert header[4:6] == ["difference [σ]", "paired relative bias"]
+    assert len(rows) == len(comparison.compared) + 1
+    by_name = {row[0]: row for row in rows}
+    square, root = by_name["mean square displacement"], by_name["rms displacement"]
+    # To first order in the errors, of about 10 %.
+    assert root[4].value == pytest.approx(square[4].value, abs=0.1)
+    assert root[6].endswith("σ)")
+    frame = comparison.to_dataframe().set_index("quantity")
+    assert frame["unit"]["mean power"] == "scaled power"
+    assert frame["difference [σ]"]["rms displacement"] == root[4].value
+    assert repr(comparison).startswith("<Comparison of duffing: Circuit and Monte Carlo ")
+    assert "…" not in repr(comparison)

@@ -14,6 +14,8 @@ from harvester.engines.realization import quantity_names
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
+from harvester.statistics.estimate import Estimate
+from harvester.studies.sweep import Cell, Sweep
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -66,6 +68,25 @@ def test_a_row_for_each_place_method_and_quantity(swept, tmp_path):
     assert len(swept.figure().axes) == 2 * 2
 
 
+def test_a_quantity_is_a_row_of_panels_with_one_scale():
+    estimates = {"rms_voltage": 2.0, "mean_power": 3e-3}
+    units = {"rms_voltage": "voltage", "mean_power": "power"}
+    cells = np.empty((2, 3, 1), dtype=object)
+    for place in np.ndindex(2, 3, 1):
+        means = {
+            name: Estimate(value * 10.0 ** place[0], None, None, units[name])
+            for name, value in estimates.items()
+        }
+        cells[place] = Cell("monte-carlo", "complete", means)
+    values = {"load.resistance": (3e5, 3e6), "excitation.intensity": (0.1, 0.2, 0.3)}
+    found = Sweep(harvester.Scene.read("device"), values, ("monte-carlo",), tuple(estimates), cells)
+    axes = found.figure().axes
+    assert [panel.get_ylabel() for panel in axes] == ["rms voltage [V]", "", "mean power [mW]", ""]
+    titles = ["load.resistance = 300 kΩ", "load.resistance = 3 MΩ", "", ""]
+    assert [panel.get_title(loc="left") or panel.get_title() for panel in axes] == titles
+    assert axes[2].get_ylim() == axes[3].get_ylim() != axes[0].get_ylim()
+
+
 def test_views_have_the_same_numbers(swept):
     pytest.importorskip("xarray")
     data = swept.to_xarray()["mean_power"]
@@ -92,7 +113,7 @@ def test_every_quantity_of_a_place_can_be_asked_for(swept):
     (cell,) = (c for point, c in swept.places() if (c.method, *point) == place)
     assert power.estimate == cell.estimates["mean_power"].estimate
     assert "mean_square_velocity" in list(swept)
-    with pytest.raises(harvester.UnknownQuantity, match=r"there are .*consistent"):
+    with pytest.raises(harvester.UnknownQuantity, match=r"write result.*consistent"):
         swept["mean_power"]["consistent"]
     with pytest.raises(harvester.UnknownQuantity, match=rf"rows by method, .*{KEY}: no {KEY}"):
         swept[KEY]
@@ -176,7 +197,7 @@ def test_all_quantities_of_a_run_are_known_before_it(name, pool):
     run = {"duration": 5 * cycle, "settle": cycle, "realizations": 2}
     scene = scene.replace(run=run)
     found = harvester.simulate(scene, method="monte-carlo", executor=pool)
-    assert {*found.quantities} <= {*quantity_names(prepared(scene))}
+    assert {*found.scaled_quantities} <= {*quantity_names(prepared(scene))}
 
 
 def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):

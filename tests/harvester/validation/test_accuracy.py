@@ -117,12 +117,17 @@ def test_table_sentences_and_json_tell_the_same(diagram):
 
 
 @pytest.mark.slow
-def test_the_sentences_judge_the_default_step(pool):
+def test_the_sentences_judge_the_default_step(pool, monkeypatch):
     scene = Scene.read("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
     diagram = accuracy(scene, methods=METHODS[5:6], executor=pool)
     (judged,) = [line for line in diagram.sentences() if "the circuit's default step" in line]
     assert "E[V²]" in judged
     assert "PCE" in judged
+    begin = "<Accuracy of linear: bias of the circuit's default step: "
+    assert repr(diagram) == f"{begin}every mean below 1 %>"
+    uncertain = Estimate(0.0, 0.02, None, "1")
+    monkeypatch.setitem(diagram.rows[0].bias, SQUARE, uncertain)
+    assert repr(diagram) == f"{begin}E[V²] not shown to be below 1 %>"
 
 
 def test_the_reference_is_that_of_an_independent_integration():
@@ -265,6 +270,45 @@ def test_a_bias_within_its_own_error_bar_is_none_but_shows_nothing():
     assert reached(total_error(0.01, None), 0.1) == "—"
 
 
+def test_a_closures_bias_within_its_error_bar_is_uncertain_also_in_a_frame(diagram, monkeypatch):
+    for size, error, text in (
+        (0.011, 0.013, "2 s (?)"),
+        (0.02, 0.001, "never"),
+        (0.001, 0.001, "2 s"),
+    ):
+        bias = Estimate(size, error, None, "1")
+        monkeypatch.setattr(type(diagram), "deviation", lambda *_, bias=bias: bias)
+        monkeypatch.setitem(diagram.closures["consistent"], "seconds", 2.0)
+        header, rows = diagram.table()
+        assert rows[-1][header.index("E[V²] to 1%")] == text
+        frame = diagram.to_dataframe()
+        doubts = list(frame.get("E[V²] to 1% (?)", [False]))
+        assert doubts[-1] == ("?" in text)
+
+
+def test_a_step_longer_than_the_samples_is_not_measured_twice(monkeypatch, pool):
+    """In `linear` a sample is as long as the circuit's default step."""
+    asked = []
+    monkeypatch.setattr(
+        measurement, "_strong_errors", lambda _, methods, *__: asked.extend(methods)
+    )
+    monkeypatch.setattr(measurement, "_runs", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        accuracy(Scene.read("linear", SHORT), executor=pool)
+    model = prepared(Scene.read("linear", SHORT))
+    keys = [(method.family, *method.options(model).values()) for method in asked]
+    assert len(set(keys)) == len(keys)
+    assert ComparedMethod("", "circuit", 2, 0.3).step(model) == METHODS[5].step(model)
+
+
+def test_the_errors_of_paths_have_the_scenes_units(diagram, monkeypatch):
+    scales = diagram.answer.prepared_scene.scales
+    monkeypatch.setattr(scales.__class__, "of", lambda _, name: 1e-3)
+    monkeypatch.setattr("harvester.validation.accuracy.unit_of", lambda *_: "m")
+    row, cells = diagram.rows[0], diagram.to_dataframe()
+    assert cells["error X [m]"][0] == pytest.approx(1e-3 * row.strong["displacement"])
+
+
 def test_durations_have_a_unit_that_fits():
     texts = [duration(seconds) for seconds in (2.2e-6, 0.034, 5.0, 90.0, 7200.0, 3e5)]
     assert texts == ["2.2 µs", "34 ms", "5 s", "1.5 min", "2 h", "3.5 d"]
@@ -375,7 +419,12 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
     options = [word for each in sets for word in ("--set", each)]
     assert main(["accuracy", "linear", *options, "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    for word in ("PWL in the netlist, gear", "averaging, consistent", "µs per unit", "to 1%"):
+    for word in (
+        "PWL in the netlist, gear",
+        "averaging, consistent",
+        "core time [µs/simulated s]",
+        "to 1%",
+    ):
         assert word in shown
     content = json.loads((tmp_path / "linear-accuracy.json").read_text())
     on = {each["device"] for each in content["methods"]} - {"behavioural"}

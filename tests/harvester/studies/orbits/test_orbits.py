@@ -538,6 +538,17 @@ def test_a_barrier_of_three_temperatures_but_for_rounding_has_kramers_time():
     assert reason == "the barrier is 2.99 temperatures: must be 3 or more"
 
 
+@pytest.mark.parametrize(("rate", "holds"), [(1e4, True), (1.0, False), (1e-4, False)])
+def test_kramers_formula_needs_little_stiffness_and_damping_at_the_load(rate, holds):
+    """Of a coupling of 1/s² and 8/s² of the well a short circuit leaves nothing."""
+    coupled = {"piezo.coupling": 1.0, "load.decay_rate": rate}
+    time, reason = kramers_time(prepared(three_temperatures(0.1).replace(coupled)), 1.0)
+    assert (reason == "") == (time is not None) == holds
+    if holds:
+        alone = kramers_time(prepared(three_temperatures(0.1)), 1.0)[0]
+        assert time == pytest.approx(alone, rel=1e-9)
+
+
 def test_what_the_knots_of_white_noise_lengthen_is_noted():
     """1 − sinc⁴(ω h/2) = ω²h²/6 of the density times three temperatures; not at close knots."""
     times, exits = np.full((4, 4, 2), 100.0), np.full((4, 4, 2), 2.0)
@@ -560,7 +571,8 @@ def test_a_missing_kramers_time_is_told_with_its_value():
         )
     ]
     residence = Residence(scene, "excitation.intensity", found, "monte-carlo", "", 0.0)
-    (line,) = [line for line in residence.sentences() if "Kramers" in line]
+    assert any("is asymptotic" in line for line in residence.sentences())
+    (line,) = [line for line in residence.sentences() if "Kramers' formula is not valid" in line]
     assert line.startswith("Kramers' formula is not valid at excitation.intensity = 0.3: ")
     header, rows = residence.table()
     assert header[2] == "residence time ± standard error [s]"
@@ -649,6 +661,10 @@ def test_a_chaotic_transient_is_followed_to_its_orbit():
     assert power.attrs == error.attrs == {"unit": "W"}
     np.testing.assert_array_equal(error[0], up.errors["mean_power"])
     assert found.data()[0][1] == "excitation.amplitude [m/s²]"
+    estimate = found["mean_power"]["up", 8.0]
+    assert (estimate.estimate, estimate.unit) == (up.mean_power[1], "W")
+    assert estimate.standard_error == pytest.approx(up.errors["mean_power"][1])
+    assert "error_of_the_mean_power" not in list(found)
 
 
 def test_basins_say_the_plane_of_their_starts():
