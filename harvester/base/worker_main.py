@@ -10,6 +10,7 @@ addition, which sends progress. Answers are pickled pairs: ("progress", …), ("
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import pickle
 import queue
@@ -45,6 +46,7 @@ def as_answer(error: BaseException) -> HarvesterError:
 def main() -> None:
     """Serve calls until standard input closes."""
     global _give_up
+    gc.set_threshold(50_000)  # as in `harvester.__main__`
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Answers go to a copy of standard output, so that no library prints between them.
     answers = os.fdopen(os.dup(1), "wb")

@@ -78,8 +78,12 @@ QUANTITIES_OF_THE_OUTPUT = (
     "start_up_time",
     "output_power",
 )
+# Smallest rate over the largest at which their linear equations can be solved in double precision.
+SMALLEST_RATE = 1e-10
 # Points over which the remainder of a coherent motion is averaged.
 COHERENT_POINTS = 50
+# Terms of the exponential's series: the sum of all others is below 1e-16.
+TAYLOR_TERMS = 19
 DRIFTING_QUANTITIES = {
     "E[V²]": "square_voltage",
     "E[X²]": "square_displacement",
@@ -244,7 +248,7 @@ def _motion(scene, p, estimates):
     if not np.all(np.isfinite(matrix)):
         return None
     rates = -np.linalg.eigvals(matrix).real
-    if np.any(rates <= 0.0):
+    if not rates.min() > SMALLEST_RATE * rates.max():
         return None
     error = max(
         _relative_error(estimates[name]) for name in ("mean_square_velocity", "mean_square_voltage")
@@ -267,7 +271,7 @@ def _motion(scene, p, estimates):
                 (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
             )
     except (RuntimeWarning, ValueError):
-        # Rates too far apart for their equations to be solved.
+        # The equations have no accurate solution.
         return None
     moving = ["output_power"] + [
         name
@@ -315,16 +319,14 @@ def _left_in_squares(p, matrix, run, coherent):
     A `coherent` motion keeps its phase: the remainder of the start is added to the amplitudes, not
     to the squares, and is forgotten half as fast. Between the two it is a bound.
     """
-    from scipy.linalg import expm, solve_continuous_lyapunov
-
     noise = np.zeros_like(matrix)
     noise[-1, -1] = -2.0 * p.noise.intensity / p.noise.correlation_time**2
-    stationary = solve_continuous_lyapunov(matrix, noise)
+    stationary = _lyapunov(matrix, noise)
     missing = -stationary
     missing[-1, -1] = 0.0
 
     def later(time):
-        flow = expm(matrix * time)
+        flow = _exponential(matrix * time)
         return flow @ missing @ flow.T
 
     if coherent:
@@ -333,8 +335,25 @@ def _left_in_squares(p, matrix, run, coherent):
         return np.trapezoid(2.0 * np.sqrt(squares) - squares, steps, axis=0) / run.duration
     # The integral I of the missing covariance obeys A I + I Aᵀ = its change.
     change = later(run.settle + run.duration) - later(run.settle)
-    integral = solve_continuous_lyapunov(matrix, change)
+    integral = _lyapunov(matrix, change)
     return np.abs(np.diag(integral)) / run.duration / np.diag(stationary)
+
+
+def _lyapunov(matrix, change):
+    """X of A X + X Aᵀ = `change`. Without scipy, whose import takes longer than a short run."""
+    one = np.eye(len(matrix))
+    equations = np.kron(matrix, one) + np.kron(one, matrix)
+    return np.linalg.solve(equations, change.ravel()).reshape(change.shape)
+
+
+def _exponential(matrix):
+    """exp(A): Taylor's series of a 2^-n part of A, whose norm is at most 1, squared n times."""
+    halvings = max(math.frexp(np.linalg.norm(matrix, 1))[1], 0)
+    term = flow = np.eye(len(matrix))
+    for order in range(1, TAYLOR_TERMS):
+        term = term @ matrix * (0.5**halvings / order)
+        flow = flow + term
+    return np.linalg.matrix_power(flow, 2**halvings)
 
 
 def _charge(scene, p, moments, estimates):
