@@ -127,9 +127,12 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
     if not math.isfinite(share):
         return Printed(NOT_KNOWN)
     value = 100.0 * share
-    text = f"{value:.2f}" if error is None else _value_and_error(value, 100.0 * error)
+    unknown = error is not None and not math.isfinite(error)
+    text = f"{value:.2f}"
+    if error is not None and not unknown:
+        text = _value_and_error(value, 100.0 * error)
     plus = "+" if sign and text[0] != "(" and float(text.split()[0]) > 0.0 else ""
-    return Printed(f"{plus}{text} %", share, error, "1", estimate=estimate)
+    return Printed(f"{plus}{text} %{NO_ERROR_BAR * unknown}", share, error, "1", estimate=estimate)
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:

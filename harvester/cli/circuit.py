@@ -16,7 +16,7 @@ from harvester.interop.formats import write
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# The cost of a new load is stated for a record of this length, in seconds.
+# The notes on a new load give its computing time for a record of this length, in seconds.
 RECORD = 10.0
 
 
@@ -71,10 +71,10 @@ def export(
     scene : Scene
     kind : str
         deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
-        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd,
-        voltage and current of the load over time.
+        your circuits; fmu, for co-simulation; c, the device's code; csv and shepherd, voltage and
+        current of the load over time.
     output : str
-        Folder; for a deck also a file (default: standard output).
+        Folder, or for a deck also a file (default: standard output).
     dialect : str or None
         ngspice (default), ltspice; of a subckt also pspice, xyce.
     step : str or float
@@ -84,7 +84,7 @@ def export(
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
-        Duration of the deck that tries a block, and its vibration, in s (default: 25 periods); of a
+        Duration of the deck that tests a block, and its vibration, in s (default: 25 periods); of a
         trace (default: the scene's).
     rate : float or None
         Samples a second of csv (default: 10000); Shepherd's is 100000.
@@ -108,7 +108,7 @@ def export(
 
 
 def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
-    """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
+    """Convert a schematic's netlist, as LTspice writes it (.net, .cir), to a load.
 
     Parameters
     ----------
@@ -145,11 +145,11 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     name = re.sub(r"\W", "_", stem).lower()
     converted = imported(text, name, _words(nodes), _words(remove), Path(file).name)
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
-    # Messages name the lines of the netlist, as the load is not written yet.
+    # The load has no file yet, so messages name the lines of the netlist.
     lines = enumerate(converted.cards, start=1)
-    places = {f"{target.name}:{number}": card.where for number, card in lines}
+    origins = {f"{target.name}:{number}": card.where for number, card in lines}
     cards = [
-        tidy(card._replace(where=places.get(card.where, card.where)))
+        tidy(card._replace(where=origins.get(card.where, card.where)))
         for card in read_cards(target, converted.text)
     ]
     notes = following_notes(read_load(target, cards=cards), RECORD)
@@ -165,7 +165,7 @@ def _words(text):
 
 
 def schematic(scene: Scene, *, output: File = "-") -> None:
-    """Draw the circuit that the scene really builds, as SVG or PNG.
+    """Draw the circuit that is simulated for a scene, as SVG or PNG.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def schematic(scene: Scene, *, output: File = "-") -> None:
 
 
 def engine(*, json: File | None = None) -> None:
-    """Show the ngspice that was found, its features and the compiled device.
+    """Show the ngspice that was found, its features, and the state of the compiled device.
 
     Parameters
     ----------

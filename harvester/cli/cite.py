@@ -1,4 +1,4 @@
-"""`harvester cite`: the sources of the methods, of all or of those that a result used."""
+"""`harvester cite`: the literature sources of all methods, or of those that a result used."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from harvester.base.plain_text import named
 from harvester.base.reading import read_input
 from harvester.base.signatures import File
 
-# Most bytes that are read.
+# Largest size of a result file (bytes).
 LARGEST_RESULT = 100_000_000
 
 
 def cite(result: File | None = None, /) -> None:
-    """The sources of the methods that a result used.
+    """Print the literature sources of the methods that a result used.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def cite(result: File | None = None, /) -> None:
 
 
 def all_sources() -> list[dict[str, Any]]:
-    """All sources: `method`, `reference` and the condition under which a result rests on them."""
+    """All sources: `method`, `reference` and the condition under which a result uses them."""
     text = resources.files("harvester.cli").joinpath("sources.toml").read_text("utf-8")
     return tomllib.loads(text)["source"]
 
@@ -48,20 +48,20 @@ def sources_of(content: Any, name: str = "the content") -> list[dict[str, Any]]:
     Raises
     ------
     HarvesterError
-        It is no such JSON.
+        `content` is not such a JSON.
     """
     content = content if isinstance(content, dict) else {}
     scene, results = content.get("scene"), content.get("results")
     engines = [*results] if isinstance(results, dict) and results else [content.get("engine")]
     if not isinstance(scene, dict) or not all(isinstance(engine, str) for engine in engines):
         raise HarvesterError(
-            f"{name}: holds no scene and engine; give the JSON of simulate, average or validate"
+            f"{name}: contains no scene and engine; give the JSON of simulate, average or validate"
         )
     return [source for source in all_sources() if _is_used(source, scene, engines)]
 
 
 def _is_used(source, scene, engines):
-    """Whether a result of these engines on this scene rests on a source of `sources.toml`."""
+    """Whether a result of these engines on this scene uses a source of `sources.toml`."""
     value = scene
     for name in source["key"].split(".") if "key" in source else ():
         value = value.get(name) if isinstance(value, dict) else None
@@ -78,5 +78,5 @@ def _read(file):
         return json.loads(read_input(file, "result of --json or --output", LARGEST_RESULT))
     except (ValueError, RecursionError):
         raise HarvesterError(
-            f"{named(file)}: is no JSON; give a file that --json or --output wrote"
+            f"{named(file)}: not a JSON file; give a file that --json or --output wrote"
         ) from None

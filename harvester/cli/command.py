@@ -1,4 +1,4 @@
-"""Commands: a function whose signature gives the options, with common steps before and after it."""
+"""Class of a command: derives options from a function's signature and handles its result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, Option, RunnerOptions, options_of
 from harvester.cli.options import WORD, is_scene, options_shown, parameter_of
-from harvester.cli.output import check_places, show, study_runner, write_result
+from harvester.cli.output import check_outputs, show, study_runner, write_result
 from harvester.cli.shown import quiet, say
 
 if TYPE_CHECKING:
@@ -22,28 +22,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """A function as a command; if it returns a result, this is shown and written.
+    """A command that calls a function; if this returns a result, the command shows and writes it.
 
-    A function with the parameter `progress` is given a function that draws the progress bar, one
-    with `**running: Unpack[RunnerOptions]` an open runner.
+    The parameter `progress`, if any, receives a function that draws the progress bar. Functions
+    with `**running: Unpack[RunnerOptions]` receive an open runner.
 
     Attributes
     ----------
     function : str
-        MODULE:NAME, imported when the command or its help is called. It returns a result, or the
-        exit code, or None for 0. Its docstring is the help, with an example of a call.
+        MODULE:NAME, imported when the command or its help is called. It returns a result, the exit
+        code, or None for 0. Its docstring is the help, with an example of a call.
     title : str or callable
         Title of the table, or a function of the result that returns it; empty: the command's name.
     stem : str
         Name of the files after the scene's name: a word, or an option in braces; empty: the
         command's name.
     failed : callable or None
-        Function that tells from the result whether the exit code is 1.
+        Function of the result that returns whether the exit code is 1.
     is_run : bool
         Whether it is one run of an engine: --waveform writes the result's `waveform`, and the
         progress bar shows the rate of the simulated time.
     running : callable or None
-        Function of the options that gives the runner's settings where the user leaves it out.
+        Function of the options that returns defaults of the runner's settings.
     """
 
     function: str
@@ -55,7 +55,7 @@ class Command:
 
     @property
     def name(self) -> str:
-        """The function's name as the command line has it."""
+        """The function's name with hyphens, as on the command line."""
         return self.function.partition(":")[2].replace("_", "-")
 
     @property
@@ -81,16 +81,16 @@ class Command:
             if self.is_run:
                 text = "Write a realization over time (see --window, --node): .csv, .nc, .png, .svg"
                 yield Option.of("waveform", File), f"{text} or .pdf."
-            yield Option.of("report", File), "Write one self-contained HTML page with everything."
+            yield Option.of("report", File), "Write one self-contained HTML page with all results."
         yield Option.of("quiet", bool, False), "Show errors only, and output to -."
 
     def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
-        """The function that cyclopts reads the options from; `scenes`: see `parameter_of`."""
+        """Return the function whose signature cyclopts reads; `scenes`: see `parameter_of`."""
 
         def call(**values: Any) -> int | None:
             for name, option in options_of(self.target).items():
                 if option.type is bool and name in values:
-                    # The option of a setting that is on by default turns it off.
+                    # The option of a setting that is on by default turns the setting off.
                     values[name] ^= option.default is True
             with quiet(values.pop("quiet", False)):
                 return self.run(values)
@@ -102,7 +102,7 @@ class Command:
         return call
 
     def run(self, values: dict[str, Any]) -> int | None:
-        """Carry the command out; returns the exit code, or None for 0."""
+        """Run the command; return the exit code, or None for 0."""
         from harvester.cli.console import progress
 
         scene = self._scene(values)
@@ -111,15 +111,17 @@ class Command:
         if scene and scene.load.circuit:
             from circuits.netlist.load_notes import following_notes
 
-            # How long a load that switches fast will take.
+            # State the computing time of a load with fast switching.
             for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
                 say(note)
-        places = {kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")}
+        outputs = {
+            kind: values.pop(kind, None) for kind in ("json", "output", "report", "waveform")
+        }
         parameters = options_of(self.target)
         defaults = {name: option.default for name, option in parameters.items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
-        check_places(**places, names=[name])
+        check_outputs(**outputs, names=[name])
         # The progress bar of a single run names its method.
         label, seconds = self.name.replace("-", " "), 0.0
         if self.is_run and scene:
@@ -130,16 +132,18 @@ class Command:
                 if "progress" in parameters:
                     values["progress"] = report
                 if self.takes_runner:
-                    # Its folder stays locked until the result's files are written among its own.
-                    running = {**self._running(values), "output": places["output"]}
+                    # The runner's folder stays locked until the result's files are written into it.
+                    running = {**self._running(values), "output": outputs["output"]}
                     opening = study_runner(**running, progress=report)
                     values["runner"] = opened.enter_context(opening)
-                result = self._computed(scene, values, places["json"])
-            self._deliver(result, name, **places)
+                result = self._computed(scene, values, outputs["json"])
+            self._deliver(result, name, **outputs)
         return 1 if self.failed and self.failed(result) else 0
 
     def _scene(self, values: dict[str, Any]) -> Scene | None:
-        """The scene that the call names, overrides and seed put in; None where there is none."""
+        """The scene of the call, with overrides and seed applied; None if the command takes no
+        scene.
+        """
         scene = next(filter(is_scene, options_of(self.target).values()), None)
         if scene is None:
             return None
@@ -151,13 +155,13 @@ class Command:
         return Scene.read(values.pop("scene", scene.default), overrides)
 
     def _running(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Pop the options of the runner from the options of the function."""
+        """Pop the runner's options from the options of the function."""
         running: Any = self.running(values) if self.running else {}
-        given = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
-        return running | {name: values.pop(name) for name in given}
+        names = RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}
+        return running | {name: values.pop(name) for name in names}
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
-        """Call the function; the scene and the words of the call are its positional arguments."""
+        """Call the function with the scene and the positional arguments first."""
         words = [
             values.pop(option.name)
             for option in options_of(self.target).values()
@@ -166,7 +170,7 @@ class Command:
         return self.target(*([] if scene is None else [scene]), *words, **values)
 
     def _computed(self, scene, values, json):
-        """Compute the result; if the run fails, its partial result is written as JSON."""
+        """Compute the result; if the run fails, write its partial result as JSON."""
         try:
             return self._call(scene, values)
         except SimulationError as error:
@@ -197,7 +201,7 @@ class Command:
 
 
 def named_after(scene: str, stem: str) -> str:
-    """Name of a result's files; a scene that is such a result itself is counted on.
+    """Name of a result's files; if the scene is such a result, the name gets the next number.
 
     Examples
     --------

@@ -24,18 +24,18 @@ from harvester.cli.options import WORD
 from harvester.cli.shown import print_error
 from harvester.cli.table import COMMANDS, app_of
 
-# Options of the same meaning: former names, and those that other commands use.
+# Options of the same meaning: former names, and those of other commands.
 SYNONYMS = (
     ("--method", "--engine", "--closure"),
     ("--over", "--sweep", "--vary", "--values"),
     ("--output", "--csv"),
 )
-# Largest number of words in a call. The time to read them grows with the square of their number.
+# Maximum number of arguments. The time to parse them grows with the square of their number.
 MOST_ARGUMENTS = 2000
-# Seconds after which an interrupt that C code lost is repeated.
+# Seconds after which an interrupt that C code discarded is repeated.
 LOST_INTERRUPT_SECONDS = 0.1
 WELCOME = """\
-harvester simulates vibration energy harvesters. What to try first:
+harvester simulates vibration energy harvesters. First commands to try:
 
   harvester average paper       densities and power of a built-in device, in seconds
   harvester validate paper      the same by circuit, Monte Carlo and theory, side by side
@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     with guarded_streams() as exit_code, warnings.catch_warnings():
-        # The check of the result reports overflows in its own words.
+        # The check of the result reports overflows itself.
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
@@ -64,15 +64,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _interrupt_again(lost):
-    """Interrupt the main thread once more if C code lost the interrupt.
+    """Interrupt the main thread again if C code discarded the interrupt.
 
     Python handles a signal in the next Python function. During LLVM's work this is a callback of
-    llvmlite, from which no exception can pass through LLVM.
+    llvmlite, from which no exception can propagate through LLVM.
     """
     if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
         return
-    # An interrupt from here would be lost within this hook.
+    # An interrupt raised here would be discarded in this hook.
     again = threading.Timer(LOST_INTERRUPT_SECONDS, _thread.interrupt_main)
     again.daemon = True
     again.start()
@@ -80,10 +80,10 @@ def _interrupt_again(lost):
 
 def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
-        print_error(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
+        print_error(f"{len(arguments)} arguments: must be at most {MOST_ARGUMENTS}")
         return 2
     if sys.flags.optimize > 1:
-        print_error("python -OO leaves out the texts that the options are read from: use python -O")
+        print_error("python -OO removes the docstrings that define the options: use python -O")
         return 2
     if not arguments:
         print(WELCOME)
@@ -102,7 +102,7 @@ def _run(arguments):
     except (MemoryError, ImportError, OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "thread" not in str(error):
             raise
-        # A limit of the machine: no memory, too few files, a library that does not load, no thread.
+        # A limit of the system: memory, open files, threads, or a library that does not load.
         reason = str(error).partition("\n")[0] or "no memory left"
         if isinstance(error, RuntimeError):
             reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
@@ -121,9 +121,9 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
     """
     if words[0] == "help":
         words = [*words[1:2], "--help"]
-    # An option in front of its command belongs to that command.
-    places = words if words[0].startswith("-") else words[:1]
-    called = next((word for word in places if word in COMMANDS), None)
+    # An option before the command's name belongs to the command.
+    candidates = words if words[0].startswith("-") else words[:1]
+    called = next((word for word in candidates if word in COMMANDS), None)
     app = app_of([called]) if called else app_of(COMMANDS, listed=True)
     try:
         function, bound, _ = app.parse_args(words, print_error=False, exit_on_error=False)
@@ -133,7 +133,7 @@ def parsed(words: list[str]) -> tuple[Callable[..., int | None], dict[str, Any]]
 
 
 def _refusal(error, words, called):
-    """Return one line that names the mistake in a call."""
+    """Return a one-line message about a mistake in a call."""
     if called is None:
         return (
             f"{named(words[0])}: no such command{nearest(words[0], COMMANDS)}; "
@@ -143,7 +143,7 @@ def _refusal(error, words, called):
     options = ["--help", *(option.spelling for option in shown)]
     unused = sorted(error.unused_tokens or (), key=lambda word: not word.startswith("-"))
     if isinstance(error, MissingArgumentError):
-        # An option that is given and yet missing was taken for the value of the one in front of it.
+        # An option that is present but missing was read as the value of the preceding option.
         missing = error.keyword or (error.argument.name if error.argument else "")
         before = error.keyword or (missing in words and words[words.index(missing) - 1])
         if before:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind
 
-# The script of zsh as a file is a function to be called; evaluated, it has to be registered.
+# As a file, zsh's script is a function to be called; evaluated, it must be registered.
 ZSH_EVALUATED = """\
 if [[ $zsh_eval_context[-1] == eval ]]; then
   compdef _cyclopts_harvester harvester
@@ -20,7 +20,7 @@ Shell = Literal["bash", "zsh", "fish"]
 def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
     """Print the completion script of a shell.
 
-    For this session: eval it; for good: write it where the shell looks, such as
+    For this session, eval it. Permanently, write it where the shell looks, such as
     ~/.local/share/bash-completion/completions/harvester.
 
     Parameters

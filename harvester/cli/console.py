@@ -15,7 +15,7 @@ from harvester.base.plain_text import one_line
 from harvester.cli.shown import is_quiet
 from harvester.results.view import Table, View
 
-# Seconds after which a progress bar appears; a shorter one would only flicker.
+# Seconds after which a progress bar appears, so that it does not flicker in short runs.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 STARTING = "starting; compiles for a minute or so if no earlier run has"
@@ -27,10 +27,10 @@ LONGEST_TOLD_SECONDS = 1e10
 def progress(
     label: str, simulated_seconds: float = 0.0
 ) -> Iterator[Callable[[float, str], object] | None]:
-    """A function of the share done and a few words, which draws a progress bar; None when quiet.
+    """Yield a function of the completed share and a text that draws a progress bar; None if quiet.
 
-    With a simulated time the bar shows the rate of it instead of the words. Off a terminal there is
-    no bar, but a line on the remaining time of a run that takes long.
+    If a simulated time is given, the bar shows its rate instead of the text. If the output is not a
+    terminal, lines on the remaining time of a long run replace the bar.
     """
     console = Console(stderr=True)
     if is_quiet():
@@ -58,7 +58,7 @@ def progress(
         rate = rate if share else f"{words}: {STARTING}"
         bar.update(task, completed=share, rate=rate)
 
-    # The delay begins now and not at the first report: compilation before it may take long.
+    # The delay begins here and not at the first report, since a long compilation may precede it.
     delayed_start = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
     delayed_start.daemon = True
     delayed_start.start()
@@ -71,15 +71,15 @@ def progress(
 
 
 class _Lines:
-    """Says how far a run is: after a few seconds, then each time its duration has doubled.
+    """Print the progress after a few seconds, then each time the elapsed time has doubled.
 
-    A thread does so, since nothing may be reported for long. If the reported share falls, a new
-    list of tasks has begun.
+    A thread prints, since reports may be far apart. If the reported share falls, a new list of
+    tasks has begun.
     """
 
     def __init__(self, label):
         self._label, self._share, self._words = label, 0.0, STARTING
-        # The speed is measured from the first report on, since it excludes the start.
+        # The speed is measured from the first report on, to exclude the start-up.
         self._first = None
         self._started, self._next = time.monotonic(), SAY_AFTER_SECONDS
         self._closed = threading.Event()
@@ -104,15 +104,15 @@ class _Lines:
             return
         self._next = 2.0 * elapsed
         began, before = self._first or (now, self._share)
-        left, done = self._words, self._share - before
+        remaining, done = self._words, self._share - before
         if self._share >= 1.0:
-            left = "evaluating the results"
+            remaining = "evaluating the results"
         elif done > 0.0:
-            left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
+            remaining = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
         elif self._first and not self._share:
-            left = f"{self._words}: {STARTING}"
+            remaining = f"{self._words}: {STARTING}"
         share = f"{self._share:.2%} " if self._share else ""
-        print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
+        print(f"{self._label}: {share}after {elapsed:.0f} s, {remaining}", file=sys.stderr)
 
 
 def _duration(seconds):
@@ -127,7 +127,7 @@ def _duration(seconds):
 def show_view(view: View, title: str, to_stderr: bool = False) -> None:
     """Print a result's table, its alarms in red, and its findings.
 
-    On a terminal that has the letters for it, densities are sketched before the findings.
+    If the terminal's encoding supports it, densities are drawn before the findings.
     """
     from harvester.results.terminal import density_sketch, laid_out
 

@@ -1,4 +1,4 @@
-"""`harvester new`: a commented scene of one's own; `harvester schema`: the form of all scenes."""
+"""`harvester new`: a commented scene to edit; `harvester schema`: the JSON Schema of scenes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 DEFAULT = "cantilever"
 HINT = """\
-An unknown key or a value that no device has is refused in one line. docs/reference/scene-keys.md
-lists every key with its unit. Quickest look: `harvester average` and this file."""
+Unknown keys and invalid values are reported in one line. docs/reference/scene-keys.md
+lists every key with its unit. Quickest test: `harvester average` and this file."""
 HEAD = "A scene of your own, copied from the built-in scene `{}`, whose comments follow."
 OWN_HEAD = "A scene of your own: your answers, and elsewhere the values of the built-in scene `{}`."
-# Factors of units that may be typed instead of a key's unit.
+# Factors of other units that the user may type after a value, by the key's unit.
 UNITS = {
     "m": {"mm": 1e-3}, "kg": {"g": 1e-3}, "Ω": {"Ohm": 1.0}, "V s/m": {"N/A": 1.0},
     "m/s²": {"m/s^2": 1.0, "g": 9.80665},
@@ -33,15 +33,15 @@ UNITS = {
 
 
 class Question(NamedTuple):
-    """A question at the terminal for one of several keys that give the same property.
+    """A question at the terminal about one of several keys that define the same property.
 
     Attributes
     ----------
     keys
-        `table.key`: a bare number is the first, the others are answered as NAME=VALUE.
-    spec : Key
-        Declaration of the first key. A bare number outside its usual range was meant for something
-        else, such as another question, and is taken only with its unit.
+        `table.key`: a bare number is the value of the first; NAME=VALUE gives another.
+        spec : Key
+            Declaration of the first key. A bare number outside its usual range probably answers
+            another question, and is accepted only with its unit.
     """
 
     keys: tuple[str, ...]
@@ -63,7 +63,7 @@ def schema(file: File | None = None, /) -> None:
     Parameters
     ----------
     file : str or None
-        A file for it (default: standard output).
+        Output file (default: standard output).
 
     Examples
     --------
@@ -82,7 +82,7 @@ def new(
 ) -> None:
     """Write a commented scene of your own to start from.
 
-    It is copied from a built-in one; at a terminal and without --from it asks for the device's
+    It is a copy of a built-in scene. At a terminal and without --from, it asks for the device's
     values.
 
     Parameters
@@ -90,7 +90,7 @@ def new(
     file : str
         A new .toml file; - for standard output.
     scene : str or None
-        The built-in scene that is copied (default: cantilever).
+        The built-in scene to copy (default: cantilever).
 
     Examples
     --------
@@ -103,10 +103,10 @@ def new(
 
     to_file = not is_standard_output(file)
     if to_file and not file.endswith(".toml"):
-        # Without its ending it could be taken for a built-in scene's name.
+        # Without the suffix, the file could be confused with a built-in scene.
         raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
     if to_file and os.path.lexists(file):
-        raise OutputError(f"{named(file)}: is there already, and stays; name a new file")
+        raise OutputError(f"{named(file)}: exists and is not overwritten; name a new file")
     asking = scene is None and all(
         stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)
     )
@@ -139,7 +139,7 @@ def _chosen():
 
 
 def _answered(text, name):
-    """The scene's text with the answers to all questions; unchanged without any."""
+    """The scene's text with the answers inserted; unchanged if there are none."""
     from harvester.scene.model import Scene
     from harvester.scene.text import key_comments, scene_text
 
@@ -152,27 +152,27 @@ def _answered(text, name):
 
 
 def questions(scene: Scene) -> Iterator[Question]:
-    """The questions for a scene: the keys of its tables that a device's maker knows."""
+    """The questions for a scene: keys whose values a device's manufacturer states."""
     from harvester.scene.tables import rows_of
 
     for table, cls, values in rows_of(scene.to_tables()):
         for name, spec in cls.KEYS.items():
             groups = [group.keys for group in cls.ALTERNATIVES if name in group.keys]
-            others = [other for keys in groups for other in keys if other != name]
+            alternatives = [other for keys in groups for other in keys if other != name]
             names = [
                 other
-                for other in (name, *others)
+                for other in (name, *alternatives)
                 if scene.units in cls.KEYS[other].units
                 and (other == name or cls.KEYS[other].is_number)
             ]
-            # A bistable device has no one frequency, and a scaled one no quality factor.
+            # A bistable device has several frequencies, and a scaled scene no quality factor.
             several_wells = name == "frequency" and not (scene.oscillator.linear_stiffness or 0) > 0
             if (spec.usual or spec.asked) and {*names} & {*values} and not several_wells:
                 yield Question(tuple(f"{table}.{other}" for other in names), cls.KEYS[names[0]])
 
 
 def _accepted(scene, question):
-    """The scene with an answer that it accepts, or unchanged."""
+    """The scene with the first valid answer; unchanged if the default is chosen."""
     table = question.keys[0].partition(".")[0]
     values = scene.to_tables()[table]
     key = next(key for key in question.keys if key.partition(".")[2] in values).partition(".")[2]
@@ -188,7 +188,7 @@ def _accepted(scene, question):
 
 
 def _read(answer, question, units):
-    """The key that an answer is for, and its number in the key's unit, or its name."""
+    """The key that an answer refers to, and its value in the key's unit, or a word."""
     keys, spec = question
     if spec.words:
         return keys[0], answer.strip("\"'")
@@ -196,7 +196,7 @@ def _read(answer, question, units):
     if equals:
         key_by_name = {key.partition(".")[2]: key for key in keys}
         if name not in key_by_name:
-            raise NotANumber(f"no {name} here{nearest(name, key_by_name)}")
+            raise NotANumber(f"unknown key {name}{nearest(name, key_by_name)}")
         return key_by_name[name], number(number_text)
     factors = {} if spec.unit == "1" else {spec.unit: 1.0, **UNITS.get(spec.unit, {})}
     for unit in sorted(factors, key=len, reverse=True):
@@ -206,11 +206,11 @@ def _read(answer, question, units):
     low, high = spec.usual or (-sys.float_info.max, sys.float_info.max)
     if units == "SI" and not low <= value <= high:
         spelling = f"NAME={answer}" if spec.unit in ("", "1") else f"{answer} {spec.unit}"
-        raise NotANumber(f"such devices have {low:g} to {high:g}; write {spelling} if it is meant")
+        raise NotANumber(f"the usual range is {low:g} to {high:g}; write {spelling} to use it")
     return keys[0], value
 
 
 def _answer(question, usual):
-    """The line typed, or the default if it is empty or the input has ended."""
+    """The line typed by the user; the default if it is empty or the input has ended."""
     print(f"{question} [{usual}]: ", end="", file=sys.stderr, flush=True)
     return one_line(sys.stdin.readline().strip()) or usual

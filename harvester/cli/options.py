@@ -1,8 +1,8 @@
-"""The options of a command, for cyclopts, from the signature and the docstring of its function.
+"""Options of a command for cyclopts, from the signature and docstring of its function.
 
-- A parameter that the docstring's section "Parameters" describes is an option, with that text as
-  its help; "Other Parameters" are for callers from Python alone.
-- `--name` is the parameter's name, or that in its annotation (`harvester.base.signatures`).
+- A parameter in the docstring's section "Parameters" is an option, with its description as help;
+"Other Parameters" are available from Python alone.
+- `--name` is the parameter's name, or the name in its annotation (`harvester.base.signatures`).
 - A positional-only parameter is a positional argument. So is the scene, which adds --set and
   --seed.
 - Omitted options are not passed: the default of the function applies.
@@ -41,7 +41,7 @@ REQUIRED = inspect.Parameter.empty
 
 
 def described(documented: Any, section: str = "param") -> dict[str, str]:
-    """Names in a section of a numpydoc docstring ("param" or "other_param"), each with its text."""
+    """Names and descriptions in a section ("param" or "other_param") of a numpydoc docstring."""
     parameters = parse(inspect.getdoc(documented) or "", DocstringStyle.NUMPYDOC).params
     return {
         name.strip(): " ".join((parameter.description or "").split())
@@ -52,11 +52,11 @@ def described(documented: Any, section: str = "param") -> dict[str, str]:
 
 
 def options_shown(function: Callable) -> Iterator[tuple[Option, str]]:
-    """Options that a command has, each with its help, in the docstring's order."""
+    """Yield the options of a command, each with its help, in the docstring's order."""
     options, documented = options_of(function), described(function)
     hidden = described(function, "other_param").keys() - documented.keys()
-    others = {n: text for n, text in described(RunnerOptions).items() if n not in documented}
-    for name, text in (documented | others).items():
+    inherited = {n: text for n, text in described(RunnerOptions).items() if n not in documented}
+    for name, text in (documented | inherited).items():
         if name == "scene" and is_scene(options[name]):
             yield options[name]._replace(kind=Kind("SCENE"), type=str, passing=WORD), SCENE_HELP
             yield Option.of("overrides", Overrides), SET_HELP
@@ -70,10 +70,10 @@ def is_scene(option: Option) -> bool:
 
 
 class _Words(str):
-    """Words that `_reader` turns into a value of any type.
+    """Text that `_reader` converts to a value of any type.
 
-    Where pydantic is imported, cyclopts lets it compare the value with the annotation. It knows no
-    schema of this class, and so leaves the value alone.
+    If pydantic is imported, cyclopts lets it compare the value with the annotation. Pydantic has no
+    schema for this class, and therefore does not change the value.
     """
 
 
@@ -83,7 +83,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     if option.name == "scene" and scenes:
         hint = Literal[tuple(scenes)] | str
     elif hint is not bool and not (scenes and get_origin(hint) is Literal):
-        # Shells complete the name of a file for a path.
+        # Shells complete file names for parameters of type Path.
         text_type: Any = Path if scenes and kind.metavar.startswith(("FILE", "DIR")) else _Words
         hint = list[text_type] if kind.join else text_type
     is_spelling = kind.required.startswith("written")
@@ -94,7 +94,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
         converter=_reader(option),
         show_default=_shown_default(option, text),
         show_choices=False,
-        # A range such as -0.02:0.02:60 is a value; `_reader` refuses options.
+        # Values such as the range -0.02:0.02:60 begin with a hyphen; `_reader` rejects options.
         allow_leading_hyphen=not kind.words,
         consume_multiple=(1, None) if kind.words else None,
         allow_repeating=True,
@@ -103,7 +103,7 @@ def parameter_of(option: Option, text: str, scenes: Collection[str] = ()) -> ins
     )
     default = REQUIRED if option.default is REQUIRED else None
     passing = WORD if option.passing is WORD else inspect.Parameter.KEYWORD_ONLY
-    # Where pydantic is imported, cyclopts lets it check the default. Completion needs no None.
+    # If pydantic is imported, cyclopts lets it check the default. For completion, None is omitted.
     annotation: Any = Annotated[hint | None, settings]
     if scenes or default is REQUIRED:
         annotation = Annotated[hint, settings]
@@ -120,9 +120,9 @@ def _shown_default(option, text):
 
 
 def _reader(option):
-    """Function that turns the words of a call into an option's value, and checks it."""
+    """Return a function that converts and checks the words of an option's value."""
     kind = option.kind
-    # No suffixes for a time, since 5m may mean five minutes.
+    # Times take no suffixes, since 5m may mean five minutes.
     real = float if kind.metavar == "SECONDS" else number
     usual_read = {int: int, float: real}.get(option.type, str)
     required = kind.required or BY_TYPE.get(option.type, BY_TYPE[str])[0]
@@ -135,7 +135,7 @@ def _reader(option):
                 if token.keyword is None:
                     raise UnknownOptionError(token=token, argument_collection=ArgumentCollection())
                 raise MissingArgumentError(keyword=token.keyword)
-            # The words that follow an option are counted from 0 each time.
+            # The words after each occurrence of an option are counted from 0.
             if token.index == 0 or not kind.words:
                 groups.append([])
             groups[-1].append(token.value)

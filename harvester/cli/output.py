@@ -1,4 +1,4 @@
-"""Shared by commands: open a runner, check output paths, show and write a result."""
+"""Helpers of commands: open a runner, check output paths, show and write a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
-    """A runner for the block, see `harvester.open_runner`; afterwards prints the next step."""
+    """A runner for the block, see `harvester.open_runner`; print the next step if it is
+    interrupted.
+    """
     from harvester.engines.opening import open_runner
 
     try:
@@ -35,16 +37,16 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
         raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 
-def check_places(
+def check_outputs(
     json: str | None,
     output: str | os.PathLike | None,
     report: str | None = None,
     waveform: str | None = None,
     names: Iterable[str] = (),
 ) -> None:
-    """Refuse files, and a folder, that cannot be written to.
+    """Raise if a file or the folder cannot be written to.
 
-    `names`: of the results for the folder, whose files are there already from an earlier run.
+    `names`: names of the results for the folder; its existing files of these names are checked too.
     """
     from harvester.base.writing import check_folder, check_writable, in_folder
     from harvester.results.files import ENDINGS
@@ -62,7 +64,7 @@ def check_places(
 
 
 def show(result: ResultBase, title: str, json: str | None = None) -> None:
-    """Show a result's table: on standard error where standard output gets the JSON."""
+    """Show a result's table, on standard error if the JSON is on standard output."""
     from harvester.base.writing import is_standard_output
     from harvester.cli.console import show_view
 
@@ -74,11 +76,11 @@ def show(result: ResultBase, title: str, json: str | None = None) -> None:
 def write_result(
     json: str | None, output: str | os.PathLike | None, name: str, result: ResultBase
 ) -> None:
-    """Write the files that were asked for; for the files of a folder see `harvester.save`."""
+    """Write the requested files; for the files of a folder see `harvester.save`."""
     from harvester.base.writing import write_json
     from harvester.results.files import save
 
-    # If one disk is full, the other still gets the result.
+    # If writing the JSON fails, the folder is still written.
     try:
         if json:
             write_json(json, result.to_dict())

@@ -1,4 +1,4 @@
-"""`harvester reproduce`: the source paper's figures and statements."""
+"""`harvester reproduce`: the source paper's figures and claims."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any, Unpack
 
 from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind, RunnerOptions, Seed, Share, as_list
-from harvester.cli.output import check_places, show, study_runner, write_result
+from harvester.cli.output import check_outputs, show, study_runner, write_result
 
 
 def reproduce(
@@ -20,10 +20,10 @@ def reproduce(
     thorough: bool = False,
     **running: Unpack[RunnerOptions],
 ) -> int:
-    """The paper's figures, computed again, and its statements on trends, judged.
+    """Compute the paper's figures again, and check its claims on trends.
 
-    By averaging, Monte Carlo and circuit; one PNG and one JSON for each figure, written as soon as
-    it is done. `claims` are the statements, which find the figures' simulations in the folder.
+    Averaging, Monte Carlo and the circuit compute them. Each finished figure is written as PNG and
+    JSON. `claims` reuses the figures' simulations in the folder.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def reproduce(
     seed : int or None
         Seed of the noise (default: the scene's).
     precision : float or None
-        Relative standard error of E[V²] and PCE that the figures' simulations are run for.
+        Target relative standard error of E[V²] and PCE in the figures' simulations.
     thorough : bool
-        Claims by longer runs, and by the circuit at every condition.
+        Check claims by longer runs, and by the circuit at every condition.
     output : str or Path
-        Folder for results, and for every finished part: repeat the same command to continue
-        after a kill (default: results).
+        Folder for results and intermediate results: repeat the same command to continue after an
+        interruption (default: results).
 
     Examples
     --------
@@ -55,7 +55,7 @@ def reproduce(
     for name in figures:
         check_name("figure", name, (*NAMES, "all"))
     names = [name for name in NAMES if name in figures or "all" in figures]
-    check_places(None, output, names=names)
+    check_outputs(None, output, names=names)
     scene = Scene.read("paper", [] if seed is None else [f"run.seed={seed}"])
     finished = {}
 

@@ -1,4 +1,4 @@
-"""Lines on standard error, and whether the command line is quiet."""
+"""Messages on standard error, and whether the command line is quiet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _QUIET = ContextVar("quiet", default=False)
 
 @contextlib.contextmanager
 def quiet(silent: bool = True) -> Iterator[None]:
-    """No tables, progress or remarks within the block."""
+    """Suppress tables, progress and messages within the block."""
     token = _QUIET.set(bool(silent))
     try:
         yield
@@ -28,7 +28,7 @@ def is_quiet() -> bool:
 
 
 def say(text: object) -> None:
-    """One line on standard error, unless the command line is quiet."""
+    """Print one line on standard error unless the command line is quiet."""
     if not is_quiet():
         print(one_line(text), file=sys.stderr)
 

@@ -1,4 +1,4 @@
-"""The commands of the command line: a new one is a function with a docstring, and an entry here."""
+"""The table of commands. A new command is a function with a docstring, and an entry here."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ with error bars. Each command has an example in its own --help."""
 EPILOG = """\
 exit codes:
   0    done
-  1    a run failed or was judged wrong, or ngspice is missing
-  2    a mistake in the call, the scene or a file, or a method that does not hold for the scene
+  1    a run or a check failed, or ngspice is missing
+  2    a mistake in the call, the scene or a file, or a method that is not valid for the scene
   130  interrupted
 
 Colours appear on a terminal only, and never with NO_COLOR set.
 example: harvester validate paper --output results"""
-# Beginning of the first section of a docstring.
+# First section heading in a docstring.
 SECTION = r"\n\n[A-Z][\w ]+\n---"
-# All commands by the groups of `harvester --help`.
+# All commands, in the groups of `harvester --help`.
 GROUPS = {
     "getting started": (
         Command("harvester:average", title=lambda result: result.engine, stem="{method}"),
@@ -90,14 +90,14 @@ COMMANDS = {command.name: command for group in GROUPS.values() for command in gr
 
 
 def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str] = ()) -> App:
-    """The command line with some of its commands.
+    """The command line with a selection of commands.
 
     Parameters
     ----------
     names : collection of str
-        Commands; no function of another is imported.
+        Names of commands; only their functions are imported.
     listed : bool
-        Without their options, for the list of commands.
+        List the commands without their options.
     scenes : collection of str
         Names of scenes that completion offers.
     """
@@ -110,7 +110,7 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
     )
     for number, (title, commands) in enumerate(GROUPS.items()):
         group = Group(title, sort_key=number)
-        for place, command in enumerate(commands):
+        for position, command in enumerate(commands):
             if command.name in names:
                 text = inspect.getdoc(command.target) or ""
                 paragraphs = re.split(SECTION, text)[0].split("\n\n")
@@ -120,7 +120,7 @@ def app_of(names: Collection[str], listed: bool = False, scenes: Collection[str]
                     help="\n\n".join(" ".join(lines.split()) for lines in paragraphs),
                     help_epilogue=f"example: {' '.join(example[1].split())}" if example else None,
                     group=group,
-                    sort_key=place,
+                    sort_key=position,
                     default_command=None if listed else command.callback(scenes),
                 )
                 app.command(subcommand)

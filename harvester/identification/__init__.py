@@ -1,1 +1,1 @@
-"""From measurements to a scene: the fit, its intervals and its verdict."""
+"""Identify a scene from measurements: the fit, its intervals and its verdict."""

@@ -1,4 +1,4 @@
-"""Refuses records from which the requested values cannot be fitted, before a fit begins."""
+"""Reject records that cannot determine the requested values, before the fit."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Shortest record, in periods of the motion; a third of it is validation data.
+# Minimum length of a record in periods of the motion; a third of it is validation data.
 FEWEST_PERIODS = 12.0
 FEWEST_SAMPLES_PER_PERIOD = 5.0
-# The base's acceleration must have power between these multiples of the motion's median frequency.
+# The base acceleration must have power between these multiples of the motion's median frequency.
 BAND = (0.5, 2.0)
-# Least share of the acceleration's power in that band; rounding of the recorded numbers may leave
-# less.
+# Minimum share of the acceleration's power in that band; round-off of the recorded numbers may be
+# below it.
 SMALLEST_BAND_SHARE = 1e-4
-# A record is a ring-down if the mean square of its last quarter is below this multiple of the
-# first quarter's.
+# A record is a ring-down if the mean square of its last quarter is below this multiple of the first
+# quarter's.
 RINGING_DOWN = 0.5
 
 
 def check_impedance_alone(
     determined: Sequence[str], aside: Sequence[Any], free: Sequence[str] | None
 ) -> None:
-    """Refuse keys to free, and records kept aside, if an impedance is the only measurement.
+    """Raise if keys are freed, or validation records given, with an impedance as the only data.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ def check_impedance_alone(
     """
     if aside:
         raise IdentificationError(
-            "--keep-aside: an impedance alone cannot predict a record: give a record to fit too "
+            "--keep-aside: an impedance alone cannot predict a record: also give a record "
             "(--record)"
         )
     if free is not None:
         raise IdentificationError(
-            f"--free: an impedance alone determines {', '.join(determined)}, and no others: leave "
-            "--free out, or give a record too (--record)"
+            f"--free: an impedance alone determines {', '.join(determined)}, and no others: omit "
+            "--free, or also give a record (--record)"
         )
 
 
@@ -58,20 +58,20 @@ def check_records(
     measurements: Sequence[Measurement | MeasuredResponse],
     aside: Sequence[Measurement | MeasuredResponse],
 ) -> None:
-    """Refuse a scene or a record that cannot be fitted, or predicted if it is kept aside.
+    """Raise if the scene or a record cannot be fitted, or a validation record cannot be predicted.
 
     Raises
     ------
     IdentificationError
-        A record is too short, too coarse, or without excitation in the band of the motion; or a
-        record kept aside is a response, or frees what no record can free.
+        A record is too short, too coarse, or has no excitation in the band of the motion; or a
+        validation record is a response, or frees an invalid key.
     LoadError
-        The load is no resistor, or the displacement is prescribed.
+        The load is not a resistor, or the displacement is prescribed.
     """
     if not measurements:
         raise IdentificationError(
-            "--record: none is given, and records kept aside are not fitted: name at least one "
-            "record to fit, or an impedance by --impedance"
+            "--record: no record to fit is given, only validation records: give at least one "
+            "record, or an impedance by --impedance"
         )
     _check_kept_aside(scene, measurements, aside)
     require_resistor(scene, "identify")
@@ -80,7 +80,7 @@ def check_records(
         require_resistor(scene.replace(record.changes), "identify")
         if record.sensed and not shared & set(record.sensed):
             raise IdentificationError(
-                f"{record.name}: measures {', '.join(record.sensed)}, and the first record "
+                f"{record.name}: measures {', '.join(record.sensed)}, but the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
         if isinstance(record, MeasuredResponse):
@@ -90,7 +90,7 @@ def check_records(
 
 
 def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
-    """Whether a velocity is in volts whose scale is not given."""
+    """Whether a velocity is in volts of unknown scale."""
     return getattr(record, "velocity_in_volts", False) and VELOCITY_SCALE not in record.sensors
 
 
@@ -99,40 +99,40 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
     for record in filter(scale_is_missing, measurements):
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
-                f"{record.name}: the velocity is in volts: name its scale with --free "
+                f"{record.name}: the velocity is in volts: free its scale with --free "
                 f"{VELOCITY_SCALE}, or give it after the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
             )
         if len(record.outputs) == 1:
             raise IdentificationError(
                 f"{record.name}: a velocity in volts does not determine its scale: give it after "
-                f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
+                f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or give a voltage or a displacement"
             )
 
 
 def _check_kept_aside(scene, fitted, aside):
-    """Refuse responses kept aside, and keys that no record can free."""
+    """Raise if a validation record is a response, or frees an invalid key."""
     names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
     if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
         raise IdentificationError(
-            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
-            "give a record to fit to, too (--record)"
+            f"--keep-aside {aside[0].name}: frequency responses alone cannot predict a record: "
+            "also give a record to fit (--record)"
         )
     for record in fitted:
         for key in getattr(record, "own", ()):
             raise IdentificationError(
-                f"{record.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
-                "free a value for itself: give the value, or free it for all records (--free)"
+                f"{record.name}: {named(key)} = free: only a validation record (--keep-aside) can "
+                "have a free value: give the value, or free it for all records (--free)"
             )
     for record in aside:
         if isinstance(record, MeasuredResponse):
             raise IdentificationError(
-                f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
-                "it as --record, of which every third frequency is kept for validation"
+                f"--keep-aside {record.name}: a frequency response cannot be a validation record: "
+                "give it as --record, which uses every third frequency for validation"
             )
         for key in record.own:
             if key not in names:
                 raise IdentificationError(
-                    f"{record.name}: {named(key)} = free: no number of this scene"
+                    f"{record.name}: {named(key)} = free: not a number of this scene"
                     f"{nearest(key, names)}; there are {', '.join(names)}"
                 )
 
@@ -143,12 +143,12 @@ def _check_record(record):
     if periods < FEWEST_PERIODS:
         raise IdentificationError(
             f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, "
-            f"and {FEWEST_PERIODS:g} are the fewest"
+            f"must be at least {FEWEST_PERIODS:g}"
         )
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         raise IdentificationError(
-            f"{record.name}: sampled too coarsely: {per_period:.2g} samples a period of the motion "
-            f"at {median:.3g} Hz, and {FEWEST_SAMPLES_PER_PERIOD:g} are the fewest"
+            f"{record.name}: sampled too coarsely: {per_period:.2g} samples per period of the "
+            f"motion at {median:.3g} Hz, must be at least {FEWEST_SAMPLES_PER_PERIOD:g}"
         )
     first = next(iter(record.outputs.values()))
     quarters = np.array_split(first - np.mean(first), 4)
@@ -157,8 +157,8 @@ def _check_record(record):
     share = _share_in_band(record, median)
     if share < SMALLEST_BAND_SHARE:
         raise IdentificationError(
-            f"{record.name}: no excitation in the band that matters: {share:.1g} of the "
-            f"acceleration's power lies between {BAND[0] * median:.3g} and {BAND[1] * median:.3g} "
+            f"{record.name}: no excitation in the relevant band: {share:.1g} of the "
+            f"acceleration's power is between {BAND[0] * median:.3g} and {BAND[1] * median:.3g} "
             "Hz, where the device moves: check the acceleration's column"
         )
 

@@ -17,24 +17,28 @@ if TYPE_CHECKING:
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
 BINS = 60
-# Number of segments that a spectrum is averaged over.
+# Number of segments over which a spectrum is averaged.
 SEGMENTS = 12
 
 
-def draw(found: Any) -> Figure:
-    """Draw an `Identification`'s prediction of the first record's validation part.
+def draw(identification: Any) -> Figure:
+    """Draw an `Identification`'s prediction of the first record's validation data.
 
-    Panels are waveforms, spectra, densities and the residuals' correlation; of a response its
+    Panels are waveforms, spectra, densities and the residuals' autocorrelation; for a response its
     outputs.
     """
-    record = found.fitted.records[0]
-    panels = _of_lines(record) if isinstance(record, ResponseRecord) else _in_time(found, record)
-    title = f"{found.scene.name}: {record.aside} of {record.name}, kept aside"
+    record = identification.fitted.records[0]
+    panels = (
+        _of_lines(record)
+        if isinstance(record, ResponseRecord)
+        else _in_time(identification, record)
+    )
+    title = f"{identification.scene.name}: {record.aside} of {record.name}, validation data"
     return draw_panels(panels, title, size=(4.6, 2.9), columns=2)
 
 
 def _compared(x, columns, labels, width=2.2, **shown):
-    """Series of what was measured, predicted, and left."""
+    """Series of the measured and the predicted columns, and of the residuals."""
     styles = ((MEASURED, width), (PREDICTED, 1.0), (RESIDUAL, 0.8))
     return [
         Series(x, y, label, colour=colour, width=thickness, **shown)
@@ -43,7 +47,7 @@ def _compared(x, columns, labels, width=2.2, **shown):
 
 
 def _of_lines(record):
-    """Panels of a response's outputs: the lines kept aside, their prediction, the difference."""
+    """Panels of a response's outputs: validation lines, their prediction, and the difference."""
     panels = []
     for n, name in enumerate(record.outputs):
         label = f"{name} [rad]" if name == "phase" else name
@@ -54,12 +58,12 @@ def _of_lines(record):
     return panels
 
 
-def _in_time(found, record):
-    """Panels of a record in time."""
+def _in_time(identification, record):
+    """Panels of a time record."""
     from scipy import signal
 
     name, values = record.outputs[0], record.measured[:, 0]
-    unit = OUTPUT_UNITS[name] if found.scene.units == "SI" else "scaled"
+    unit = OUTPUT_UNITS[name] if identification.scene.units == "SI" else "scaled"
     crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
     count = int(min(values.size, SHOWN_PERIODS * 2.0 * values.size / max(crossings, 1)))
     waves = [part[:count, 0] for part in (record.measured, record.windowed, record.residuals)]
@@ -73,7 +77,7 @@ def _in_time(found, record):
     both = np.column_stack([values, record.free[:, 0]])
     bins = np.linspace(both.min(), both.max(), BINS + 1)
     shares = [np.histogram(column, bins, density=True)[0] for column in both.T]
-    white = found.records[0].whiteness()
+    white = identification.records[0].whiteness()
     lags = np.arange(1, white.correlations.size + 1) / record.rate
     labels = ("measured", "predicted", "residuals in windows")
     quantity, unlabelled = f"{name} [{unit}]", (None,) * 3
@@ -89,7 +93,7 @@ def _in_time(found, record):
             quantity,
             "probability density",
             _compared(0.5 * (bins[1:] + bins[:-1]), shares, unlabelled),
-            # Volts have long labels: more than seven would touch.
+            # Values in volts have long labels: more than seven would overlap.
             more=lambda axes: axes.locator_params(axis="x", nbins=6),
         ),
         Panel(
@@ -101,11 +105,11 @@ def _in_time(found, record):
     ]
 
 
-def draw_posterior(found: Any) -> Figure:
-    """Draws of every value and of every pair of them; 95 % intervals of the sandwich in grey."""
+def draw_posterior(identification: Any) -> Figure:
+    """Draw the posterior of every value and of every pair; 95 % sandwich intervals are grey."""
     from matplotlib.figure import Figure
 
-    sampled: Any = found.posterior
+    sampled: Any = identification.posterior
     keys, draws = sampled.keys, sampled.draws
     figure = Figure(figsize=(2.0 * len(keys) + 1.0, 2.0 * len(keys) + 1.0))
     panels: Any = figure.subplots(len(keys), len(keys), squeeze=False, sharex="col")
@@ -114,7 +118,7 @@ def draw_posterior(found: Any) -> Figure:
         if column > row:
             axes.remove()
             continue
-        axes.axvspan(*found.intervals[keys[column]], color="0.85", lw=0)
+        axes.axvspan(*identification.intervals[keys[column]], color="0.85", lw=0)
         if column == row:
             axes.hist(draws[:, row], BINS // 2, color=PREDICTED)
         else:

@@ -1,9 +1,9 @@
-"""One model fitted to records, with its intervals and its prediction of validation data.
+"""Fit one model to records, with intervals and a prediction of validation data.
 
-In records over time the first part is fitted, in frequency responses and impedances two of every
-three lines. Records of several kinds are fitted together: each kind is followed by its own model
-of the same numbers, and weighs by its own noise. Such a fit begins with the values that one kind
-gives alone: records in time, else responses.
+The fit uses the first two thirds of time records, and two of every three lines of frequency
+responses and impedances. Records of several kinds are fitted jointly: each kind has its own model
+with the same numbers, and is weighted by its own noise. Such a fit starts from the values of one
+kind alone: time records, else responses.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from harvester.identification.search import (
     LAST,
     ON_THE_WAY,
     followed,
-    followed_anew,
     in_short_windows,
     opened,
+    restarted,
     searched,
     short_windows,
 )
@@ -68,13 +68,13 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Two errors that differ by less than this share count as equal.
+# Two errors whose relative difference is smaller than this count as equal.
 NOTED = 0.02
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model with the values that fit.
+    """A model with the fitted values.
 
     Attributes
     ----------
@@ -86,9 +86,9 @@ class Fitted:
         Its solution.
     covariance : ndarray, shape (unknowns, unknowns)
     records : list of ValidationRecord
-        The kept-aside part of each record.
+        The validation part of each record.
     settled : ShootingFit or None
-        Windows of the validation parts, of records in time.
+        Windows of the validation parts of time records.
     """
 
     scene: Scene
@@ -110,19 +110,19 @@ class Fitted:
 
     @cached_property
     def undetermined(self) -> list[Undetermined]:
-        """Combinations of values that the records leave open."""
+        """Combinations of values that the records do not determine."""
         return undetermined(self.shooting.unknowns, self.values, self.covariance)
 
     @property
     def explains(self) -> bool:
-        """Whether the fit leaves only the sensors' noise of every record."""
+        """Whether the fit's residuals are only the sensors' noise, for every record."""
         return all(record.is_explained for record in self.records)
 
     @property
     def follows(self) -> bool:
-        """Whether the windows of records in time are, on average, no shorter than the first ones.
+        """Whether the windows of time records are on average at least as long as the first ones.
 
-        A wrong model leaves so much that its windows are cut again and again.
+        A wrong model leaves large residuals, so that its windows are repeatedly shortened.
         """
         edges = self.fit.edges[: len(self.settled.edges)] if self.settled else []
         experiments = self.shooting.responses.experiments
@@ -144,18 +144,18 @@ class Fitted:
 
     @property
     def relative_errors(self) -> dict[str, float]:
-        """Standard error of each value as a share of it, or of its size (`units_of`), by key."""
+        """Relative standard error of each value by key, relative to `units_of`."""
         shares = self.standard_errors / units_of(self.shooting.unknowns, self.values)
         return dict(zip(self.keys, map(float, shares), strict=True))
 
     @property
     def nrmse(self) -> float:
-        """Normalized rms error of the first output over all validation stretches."""
+        """Normalized rms error of the first output over all validation data."""
         return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.records])))
 
     @cached_property
     def sizes(self) -> dict[str, float]:
-        """Sizes of unknowns from the fitted motion; of a response those of `first_sizes`."""
+        """Sizes of unknowns from the fitted motion; for a response those of `first_sizes`."""
         responses = self.shooting.responses
         measurements = [experiment.measurement for experiment in responses.experiments]
         if isinstance(measurements[0], MeasuredResponse):
@@ -166,38 +166,41 @@ class Fitted:
         return sizes_of(self.scene, measurements, reach, speed)
 
     def extended(self, keys: Sequence[str]) -> tuple[Shooting, ShootingFit, Scene]:
-        """The fit's problem with further unknowns at values without effect, and its scene."""
+        """The fit's problem with further unknowns that have no effect initially, and its scene."""
         scene, free, responses = self.scene, self.keys, self.shooting.responses
         experiments = responses.experiments
         if DRAG in keys:
-            # A drag of 0 is no number of a scene.
+            # A drag of 0 is not a number of the scene.
             scene = scene.replace({DRAG: LITTLE * self.sizes[DRAG]})
         if powers := [power_of(key) for key in keys if power_of(key)]:
             force = [k or 0.0 for k in scene.oscillator.coefficients]
             force += [0.0] * (max(powers) + 1 - len(force))
             spring = {"oscillator.restoring_force": force}
             scene, free = scene.replace(spring), as_coefficients(free)
-            experiments = [replace(one, scene=one.scene.replace(spring)) for one in experiments]
+            experiments = [
+                replace(experiment, scene=experiment.scene.replace(spring))
+                for experiment in experiments
+            ]
         old = zip(unknowns(scene, free, self.sizes), self.values, strict=True)
-        # The added values begin near 0, so their sizes come from the motion, not from their starts.
+        # The added values start near 0, so their sizes are those of the motion.
         added = [
-            replace(one, size=self.sizes.get(one.key, one.size))
-            for one in unknowns(scene, keys, self.sizes)
+            replace(unknown, size=self.sizes.get(unknown.key, unknown.size))
+            for unknown in unknowns(scene, keys, self.sizes)
         ]
         every = [*(unknown.begun(value) for unknown, value in old), *added]
-        responses = responses.replaced(experiments, [one.key for one in every])
-        fit = replace(self.fit, values=np.array([one.start for one in every]))
+        responses = responses.replaced(experiments, [unknown.key for unknown in every])
+        fit = replace(self.fit, values=np.array([unknown.start for unknown in every]))
         return self.shooting.beside(responses, every), fit, scene
 
 
 # Share of each record, from its beginning, that is fitted; the rest is validation data.
 FITTED_SHARE = 2.0 / 3.0
-# With fewer samples in a period of the motion than this the base's path is a spline, not straight
-# lines between samples: of 20 samples lines take 0.8 % of the amplitude, of 7 they take 6.5 %.
+# With fewer samples per period of the motion, the base's path is a spline instead of linear
+# interpolation, which loses 0.8 % of the amplitude at 20 samples and 6.5 % at 7.
 FEWEST_FOR_LINES = 20.0
-# An interpolation is ruled out if its weighted cost exceeds the other's by this.
+# An interpolation is excluded if its weighted cost exceeds the other's by this amount.
 RULED_OUT = 9.0
-# A fit to responses may begin at these multiples of the scene's stiffness, damping and coupling;
+# A fit to responses may start at these multiples of the scene's stiffness, damping and coupling;
 # the best few of these starts are fitted.
 GRID: Any = (
     (("restoring_force", "stiffness"), np.geomspace(0.2, 5.0, 65)),
@@ -205,16 +208,16 @@ GRID: Any = (
     (("coupling",), (0.3, 1.0, 3.0)),
 )
 MOST_STARTS = 4
-# These values are proportional to the mass if the motion stays the same.
+# These values are proportional to the mass if the motion is unchanged.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
-# Number of fits to records of several kinds; each weights the residuals by the noise that the
-# previous fit left.
+# Number of fits to records of several kinds; each weights the residuals by the noise level of the
+# previous fit.
 WEIGHTINGS = 3
 ORIGIN_ITERATIONS = 6
 
 
 def _lengths(records):
-    """Number of samples of each record that are fitted."""
+    """Number of fitted samples of each record."""
     return [int(FITTED_SHARE * record.acceleration.size) for record in records]
 
 
@@ -231,14 +234,14 @@ def responses_of(
 
 
 def _interpolations(measurements):
-    """Interpolations to try between samples: only the smooth one where samples are few."""
+    """Interpolations to try between samples: only the smooth one if there are few samples."""
     rates = [
         record.sampling_rate / record.frequencies[0]
         for record in measurements
         if not isinstance(record, MeasuredResponse)
     ]
-    few = min(rates, default=FEWEST_FOR_LINES) < FEWEST_FOR_LINES
-    return INTERPOLATIONS[1:] if few else INTERPOLATIONS
+    is_sparse = min(rates, default=FEWEST_FOR_LINES) < FEWEST_FOR_LINES
+    return INTERPOLATIONS[1:] if is_sparse else INTERPOLATIONS
 
 
 def fitted(
@@ -254,17 +257,17 @@ def fitted(
     Parameters
     ----------
     scene : Scene
-        Scene that gives the initial values and all values that are not free.
+        Scene with the initial values and all values that are not free.
     measurements : sequence of Measurement or MeasuredResponse
-        Records in time first, then responses and impedances.
+        Time records first, then responses and impedances.
     keys : sequence of str
         Keys of the free values.
     sizes : dict of str to float, optional
-        Sizes of keys whose start may be 0; by default those of `first_sizes`.
+        Sizes of keys whose initial values may be 0; by default those of `first_sizes`.
     warm : Fitted, optional
-        A neighbouring model of the same records, from whose values and windows the fit begins.
+        A related model of the same records, from whose values and windows the fit starts.
     follow : callable, optional
-        Function of the share done.
+        Function of the completed share.
 
     Raises
     ------
@@ -282,7 +285,7 @@ def fitted(
         )
     first = warm
     if first is None and lines and (alone := times or swept * joint):
-        # The first model, of records of one kind, has the scene's mass.
+        # The first model, for records of one kind, has the scene's mass.
         first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
     length = first.shooting.responses.length if first else setting(scene).length
     parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
@@ -307,24 +310,24 @@ def fitted(
             raise IdentificationError(
                 f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
                 "columns' units and signs, the load's resistance, that all are of the same device, "
-                "and begin nearer (--set)"
+                "and start from closer values (--set)"
             )
         responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
-        # Fits are compared by the same noise: the residuals of the best one.
+        # Fits are compared with the same noise level: the residuals of the best one.
         noise = shooting.reweighted(fit).noise
         starts = [
             (path, replace(other, noise=noise))
             for path, other in fits
             if other is fit or path != responses.interpolation
         ]
-    # The base's path between the samples is unknown: if another fits as well, the difference
-    # between both fits is an error.
-    others = [
+    # The base's path between the samples is unknown: if another interpolation fits equally well,
+    # the difference between the fits is an error.
+    alternatives = [
         other.values - fit.values
         for interpolation, other in fits
         if interpolation != responses.interpolation and _misfit(other) - _misfit(fit) < RULED_OUT
     ]
-    covariance = sum((np.outer(d, d) for d in others), intervals.covariance(shooting, fit))
+    covariance = sum((np.outer(d, d) for d in alternatives), intervals.covariance(shooting, fit))
     records: list[Any] = []
     settled = None
     if times:
@@ -336,29 +339,29 @@ def fitted(
             settled = followed(alone, settled)
         records = [validated(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
-    kept = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
-    records += [predicted_lines(kept, fit.values, len(times) + n) for n in range(len(lines))]
+    held_out = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
+    records += [predicted_lines(held_out, fit.values, len(times) + n) for n in range(len(lines))]
     return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
 
 
 def _with_fit(scene, shooting, fit):
-    """The scene with a fit's values; IdentificationError if no device has these values."""
+    """Set a fit's values in the scene; raise IdentificationError if they are invalid."""
     fitted_scene = with_values(scene, shooting.responses.keys, fit.values)
     if fitted_scene is None:
         raise IdentificationError(
-            f"{scene.name}: the scene refuses the best-fitting values: check the columns' units "
-            "and signs, free fewer (--free), or begin nearer (--set)"
+            f"{scene.name}: the best-fitting values are invalid in the scene: check the columns' "
+            "units and signs, free fewer (--free), or start from closer values (--set)"
         )
     base = fitted_scene.excitation
     if isinstance(base, RecordedMotion) and base.knot_spacing is None:
-        # Later simulations under this record then interpolate it as the fit did.
+        # Later simulations with this record interpolate it as the fit does.
         path = shooting.responses.interpolation
         fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
     return fitted_scene
 
 
 def _in_time(scene, times, coarse, fine, free, warm, follow):
-    """The problem of records in time, and its starts by the interpolation that each has."""
+    """The problem of time records, and starts with the interpolation of each."""
     if warm:
         coarse.interpolation = fine.interpolation = warm.interpolation
         problem = _warmed(coarse, fine, free, warm)
@@ -367,7 +370,7 @@ def _in_time(scene, times, coarse, fine, free, warm, follow):
     if problem is None:
         return Shooting(fine, free, []), []
     shooting, fit = problem
-    # A neighbouring model interpolates the records as the model that it is compared with.
+    # A related model has the interpolation of the model with which it is compared.
     starts = [(coarse.interpolation, fit)]
     if not warm:
         starts = [(coarse.interpolation, _recentred(shooting, fit, scene))]
@@ -378,7 +381,7 @@ def _in_time(scene, times, coarse, fine, free, warm, follow):
 
 
 def _of_lines(shooting, first, scene, count, joint):
-    """Starts of a fit to responses and impedances, and to records in time if there are any."""
+    """Starts of a fit to responses and impedances, and to time records if there are any."""
     lines = _line_windows(shooting.responses.experiments[count:])
     if first is None:
         grid = (ShootingFit(values, *lines) for values in _grid(shooting, joint))
@@ -389,19 +392,19 @@ def _of_lines(shooting, first, scene, count, joint):
     previous = dict(zip(first.keys, first.values, strict=True))
     values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
     old = first.fit.edges, first.fit.starts, first.fit.noise
-    # Windows of records in time are taken over.
+    # Windows of time records are reused.
     windows: Any = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
     starts = [values]
     coupling = previous.get("piezo.coupling")
     if joint and coupling and MASS in shooting.responses.keys and scene.transducer:
-        # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
+        # An impedance determines θ²/M; a voltage under a known acceleration determines θ.
         factor = (coupling / scene.transducer.coupling) ** 2
         starts.append(_of_mass(shooting, values, factor, scene))
     return [(first.interpolation, ShootingFit(values, *windows)) for values in starts]
 
 
 def _line_windows(experiments):
-    """Edges, starts and first noise of responses and impedances: one window without states each."""
+    """Edges, starts and initial noise of responses and impedances: one stateless window each."""
     sweeps = [experiment.measurement for experiment in experiments]
     edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
     return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
@@ -419,7 +422,7 @@ def _of_mass(shooting, values, factor, scene):
 
 
 def _grid(shooting, is_known):
-    """Values on a grid of factors, each kind of parameter by its own; the start alone if known."""
+    """Values on a grid of factors, one for each kind of parameter; only the start if known."""
     first = np.array([unknown.start for unknown in shooting.unknowns])
     kinds = [
         np.array([any(word in key for word in words) for key in shooting.responses.keys])
@@ -437,10 +440,10 @@ def _grid(shooting, is_known):
 
 
 def _otherwise(shooting, fit, other):
-    """The start with another interpolation, in a list; an empty one where no motion follows."""
+    """A list of the start with another interpolation; empty if no motion results."""
     responses, begun = shooting.responses, opened(shooting, fit)
     interpolation, responses.interpolation = responses.interpolation, other
-    trial = followed_anew(shooting, begun, fit.cost)
+    trial = restarted(shooting, begun, fit.cost)
     if trial:
         # Both costs are compared with the same weights.
         trial = replace(trial, noise=fit.noise)
@@ -450,13 +453,14 @@ def _otherwise(shooting, fit, other):
 
 
 def _misfit(fit):
-    """Cost of a fit plus the number of its fitted window states, to compare fits by."""
+    """Cost of a fit plus the number of its fitted window states, for comparing fits."""
     return fit.cost + sum(states.size for states in fit.starts)
 
 
 def _warmed(coarse, fine, free, warm):
-    """A fit that begins at a neighbouring model's values; in that model's windows if it
-    leaves only noise, else in short windows."""
+    """A fit from a related model's values; with that model's windows if its residuals are noise,
+    else with short windows.
+    """
     previous = dict(zip(warm.keys, warm.values, strict=True))
     free = [unknown.begun(previous.get(unknown.key, unknown.start)) for unknown in free]
     shooting = warm.shooting.beside(fine, free)
@@ -469,16 +473,16 @@ def _warmed(coarse, fine, free, warm):
             return shooting, near
     begun = replace(opened(warm.shooting, fit), values=values)
     shooting.responses = coarse
-    anew = followed_anew(shooting, begun, rival)
+    anew = restarted(shooting, begun, rival)
     return (shooting, anew) if anew else None
 
 
 def _recentred(shooting, fit, scene):
-    """The fit with x = 0 moved to the equilibrium that the scene has there.
+    """Shift a fit's origin so that x = 0 is at the scene's equilibrium.
 
-    A record of the voltage alone does not show which equilibrium the motion is about. With the
-    constant force unchanged, F(x − d) is the same device for every d at which its constant force
-    is that; of these the one nearest to the scene's own spring is taken.
+    A voltage alone does not show about which equilibrium the motion is. F(x − d) is the same device
+    for every d that leaves the constant force unchanged; the d nearest to the scene's spring is
+    used.
     """
     responses = shooting.responses
     keys, original = responses.keys, scene.oscillator.restoring_force

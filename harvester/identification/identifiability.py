@@ -1,10 +1,9 @@
 """Identifiability: undetermined combinations of fitted values, and effects of assumed values.
 
-A null direction of the Jacobian, its columns relative to the values, is a combination of values
-that the data leave open. A sensor's gain, a load's resistance and the mass are assumed exact. The
-column of such a value, added to the columns of the fitted values, shows whether its error leaves a
-trace in the residuals, and which fitted values would take the error over. One error at a time is
-examined.
+A null direction of the Jacobian, with columns relative to the values, is a combination of values
+that the data do not determine. A sensor's gain, a load's resistance and the mass are assumed exact.
+Adding the column of such an assumed value shows whether its error changes the residuals, and which
+fitted values compensate for it. One error at a time is examined.
 """
 
 from __future__ import annotations
@@ -31,29 +30,29 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.unknowns import Unknown
 
-# A value with a larger relative standard error than this is undetermined.
+# A value with a larger relative standard error is undetermined.
 UNDETERMINED = 0.5
 # A value belongs to an undetermined direction if its component exceeds this share of the largest
 # one.
 SHARE_OF_DIRECTION = 0.1
-# The data show an error of a known value if its relative standard error, were the value fitted too,
-# is below this: an error of 3 % is then three standard errors.
+# The data reveal an error of an assumed value if its relative standard error in a joint fit is
+# below this: an error of 3 % is then three standard errors.
 SEPARABLE = 0.01
-# A fitted value depends on a known one if a relative change of 1 moves it by more than this share.
+# A fitted value depends on an assumed one if a relative change of 1 changes it by more than this.
 DEPENDENT = 0.05
-# If the records leave a combination of values undetermined, the first of these that belongs to it
-# keeps the scene's value, else the value with the largest share.
+# If a combination of values is undetermined, the first of these in it keeps the scene's value, else
+# the value with the largest component.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
 @dataclass(frozen=True)
 class Undetermined:
-    """A direction in which the values can move without the data noticing.
+    """A direction in which values can change without effect on the data.
 
     Attributes
     ----------
     keys : tuple of str
-        Keys of the values that move together.
+        Keys of the values that change together.
     powers : tuple of float
         Exponents of the product of values that the data determine; empty for a single value.
     """
@@ -69,21 +68,21 @@ class Undetermined:
             name if power == 1.0 else f"{name}^{power:.3g}"
             for name, power in zip(names, self.powers, strict=True)
         ]
-        return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
+        return f"{' and '.join(names)} are not determined separately, only {' · '.join(factors)}"
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """A value that the fit assumes, and the effect of an error of it.
+    """A value that the fit assumes, and the effect of its error.
 
     Attributes
     ----------
     key : str
         `sensor.voltage_scale`, `load.resistance`, `oscillator.mass`, …
     records : tuple of str
-        Names of the records that have this value.
+        Names of the records with this value.
     change : float
-        Relative change of it that the data ask for, to first order, the fitted values following.
+        Relative change that the data imply, to first order, with the fitted values refitted.
     error : float
         Standard error of the change.
     moves : dict of str to float
@@ -98,7 +97,7 @@ class Assumption:
 
     @property
     def is_separable(self) -> bool:
-        """Whether the data would show an error of this value."""
+        """Whether the data would reveal an error of this value."""
         return self.error < SEPARABLE
 
     @property
@@ -108,24 +107,24 @@ class Assumption:
 
     @property
     def dependent(self) -> dict[str, float]:
-        """Fitted values that take over a share of an error of this value, with their moves."""
+        """Fitted values that compensate for an error of this value, with their relative changes."""
         return {key: move for key, move in self.moves.items() if abs(move) > DEPENDENT}
 
     def __str__(self) -> str:
         moved = ", ".join(
             f"{key.rpartition('.')[2]} by {move:+.2g} %" for key, move in self.dependent.items()
         )
-        change = f"by these data it is {self.change:+.2%} ± {HALF_INTERVAL * self.error:.2%} off"
+        change = f"these data imply {self.change:+.2%} ± {HALF_INTERVAL * self.error:.2%}"
         if not self.is_separable:
-            change = "these data do not show its error"
-        return f"{self.key} is taken as known: 1 % more of it moves {moved or 'no value'}; {change}"
+            change = "these data do not reveal its error"
+        return f"{self.key} is assumed exact: +1 % changes {moved or 'no value'}; {change}"
 
 
 def undetermined(
     unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
 ) -> list[Undetermined]:
-    """Directions of relative values in which the standard error is too large."""
-    # A value that may be 0 is determined if its error is small against a change of order one.
+    """Directions of relative values with too large standard errors."""
+    # A value that may be 0 is determined if its error is small compared with a change of order one.
     keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
     relative = covariance / np.outer(units, units)
     spread, directions = np.linalg.eigh(relative)
@@ -140,21 +139,21 @@ def undetermined(
 
 
 def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
-    """Keys to keep at the scene's values so that the records determine the others, and why.
+    """Keys to keep at the scene's values so that the records determine the others, with reasons.
 
-    One key after another is left out; the covariance of the others is that given its value.
+    Keys are fixed one after another; the covariance of the others is then conditional on them.
     """
     unknowns, values, matrix = list(fitted.shooting.unknowns), fitted.values, fitted.covariance
-    kept: list[tuple[str, Undetermined]] = []
+    fixed: list[tuple[str, Undetermined]] = []
     while len(unknowns) > 1 and (directions := undetermined(unknowns, values, matrix)):
         keys = directions[0].keys
         first = next((key for name in KEPT_FIRST for key in keys if key.endswith(name)), keys[0])
-        kept.append((first, directions[0]))
+        fixed.append((first, directions[0]))
         n = [unknown.key for unknown in unknowns].index(first)
         del unknowns[n]
         matrix = matrix - np.outer(matrix[n], matrix[n]) / matrix[n, n]
         values, matrix = np.delete(values, n), np.delete(np.delete(matrix, n, 0), n, 1)
-    return kept
+    return fixed
 
 
 def _determined_powers(relative, members):
@@ -167,14 +166,14 @@ def _determined_powers(relative, members):
 
 
 def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
-    """Units of relative values: the value, or its size where it may be 0 and is small."""
+    """Units of relative values: the value, or its size if it may be 0 and is small."""
     sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
     values = np.abs(values)
     return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
 
 
 def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
-    """Assumed values whose error would move the fitted values.
+    """Assumed values whose error would change the fitted values.
 
     Parameters
     ----------
@@ -182,15 +181,15 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     suspected : sequence of str, optional
         Keys; by default all sensors' gains, the loads' resistances and the mass.
     """
-    known = _known(fitted.shooting.responses, suspected)
-    if not known:
+    assumed = _assumed_keys(fitted.shooting.responses, suspected)
+    if not assumed:
         return []
-    problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in known])
+    problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
     equations = normal_equations(problem, fit, at_minimum=False)
     p = len(fitted.keys)
     units = units_of(fitted.shooting.unknowns, fitted.values) / problem.sizes[:p]
     result = []
-    for index, (key, records) in enumerate(known):
+    for index, (key, records) in enumerate(assumed):
         alone = equations.of([*range(p), p + index])
         moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
@@ -200,11 +199,11 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     return result
 
 
-def _known(responses, suspected):
-    """Keys of values taken as known, with the numbers of the records that share an error."""
+def _assumed_keys(responses, suspected):
+    """Keys of assumed values, with the numbers of the records that share an error."""
     shared: dict[tuple[str, float], list[int]] = {}
     for number, experiment in enumerate(responses.experiments):
-        # An impedance has neither a base that moves nor a load, and its analyser has no error.
+        # An impedance has no moving base and no load, and its analyser is assumed exact.
         keys = [MASS]
         if not isinstance(experiment.measurement, MeasuredImpedance):
             gains = [f"sensor.{name}_scale" for name in experiment.measurement.sensed]
@@ -214,7 +213,7 @@ def _known(responses, suspected):
             if key in responses.keys or (suspected is not None and key not in suspected):
                 continue
             if key in values or key.startswith("sensor."):
-                # One resistor may be wrong, and another right; a sensor is the same in all records.
+                # Resistors may differ between records; a sensor is the same in all records.
                 of = values[key][0] if key == LOAD else 0.0
                 shared.setdefault((key, of), []).append(number)
     return [(key, records) for (key, _), records in shared.items()]

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-# Verdicts of models whose values are claimed.
+# Verdicts of models whose values are claimed to be valid.
 CLAIMING = ("predicts", "fits")
-# Units of a sensor's effects.
+# Units of sensor parameters.
 SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz", "resistance": "Ω"}
 
 
@@ -55,17 +55,17 @@ class Identification(ResultBase):
     scene : Scene
         The scene with the fitted values.
     start : Scene
-        The scene that the fit began with.
+        The scene from which the fit started.
     fitted : Fitted
         Values, covariance, and predictions of the validation data.
     kept : list of (str, Undetermined)
-        Keys that stay as in the scene, and undetermined combinations.
+        Keys that keep the scene's values, with the undetermined combinations.
     evidence : FitEvidence
-        Validation records, rival models and the other evidence for the verdict.
+        Validation records, rival models and other evidence for the verdict.
     seconds : float
-        Wall-clock.
+        Wall-clock time (s).
     posterior : Posterior, optional
-        Posterior of the values, where it was asked for.
+        Posterior of the values, if requested.
     impedance : FromImpedance, optional
         Results from the impedance, if one was given.
     """
@@ -83,22 +83,22 @@ class Identification(ResultBase):
 
     @property
     def records(self) -> Sequence[ValidationRecord]:
-        """Validation records of the fitted measurements."""
+        """Validation data of the fitted measurements."""
         return self.evidence.records
 
     @property
     def kept_aside(self) -> Sequence[WholeRecord]:
-        """Validation records of the measurements that were not fitted."""
+        """Predictions of the measurements that were not fitted."""
         return self.evidence.whole
 
     @property
     def rivals(self) -> Sequence[Rival]:
-        """The scene's own model first, then the others."""
+        """All compared models, the scene's own first."""
         return self.evidence.rivals
 
     @property
     def visited(self) -> Visited | None:
-        """Ranges that the records visited; None if there are only frequency responses."""
+        """Ranges covered by the records; None if there are only frequency responses."""
         return self.evidence.visited
 
     @property
@@ -134,27 +134,27 @@ class Identification(ResultBase):
 
     @property
     def dependent(self) -> dict[str, list[str]]:
-        """Sensors' gains and other known values that values are only as right as, by key."""
+        """Assumed values on whose accuracy identified values depend, by key."""
         return dependent(self.evidence)
 
     @property
     def proposed(self) -> Rival:
-        """The simplest model that predicts as well as the best of those that leave only noise."""
+        """The simplest model that predicts as well as the best model whose residuals are noise."""
         return proposed(self.rivals)
 
     def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
-        """Simulated sensor signals under another record's acceleration, the device starting at
+        """Simulate sensor signals under another record's acceleration, with the device initially at
         rest.
 
         Parameters
         ----------
         measurement : Measurement
-            A record; of its outputs only the names are used.
+            A record; only the names of its outputs are used.
 
         Returns
         -------
         dict of str to ndarray, shape (n,)
-            By the output's name.
+            Signals by the output's name.
         """
         reference = self.fitted.shooting.responses
         responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
@@ -189,7 +189,7 @@ class Identification(ResultBase):
         return header, rows
 
     def _rows(self, rival=None):
-        """Name, value with half of its interval, unit and state of each value of a model."""
+        """Name, value with half its interval, unit and state of each value of a model."""
         model, rows = rival or self.fitted, []
         unclear = {key for direction in model.undetermined for key in direction.keys}
         for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
@@ -203,13 +203,13 @@ class Identification(ResultBase):
         return rows
 
     def _unit(self, key):
-        """Unit of a value, empty where it has none."""
+        """Unit of a value; empty if it has none."""
         spec = numbers(self.scene).get(key, (0.0, None))[1]
         unit = spec.unit_in(self.scene.units) if spec else SENSOR_UNITS.get(key.rpartition("_")[2])
         return "" if unit in (None, "1") else unit
 
     def _records(self):
-        """Header and a row for each value."""
+        """Header and one row per value."""
         header = ["parameter", "state", "value", "standard_error", "low", "high"]
         return header, [
             [key, self._state(key), value, self.standard_errors[key], *self.intervals[key]]
@@ -222,7 +222,7 @@ class Identification(ResultBase):
             return "undetermined"
         if self.verdict.word not in CLAIMING:
             return "not claimed"
-        # These are coefficients about x = 0, where the records have no motion.
+        # These are coefficients about x = 0, where no record has motion.
         if self.visited and key in self.visited.values:
             return "extrapolated"
         return "conditional" if key in self.dependent else "identified"
@@ -238,7 +238,7 @@ class Identification(ResultBase):
             for remark in getattr(record, "remarks", ())
         ]
         lines += [str(direction) for direction in self.fitted.undetermined]
-        lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
+        lines += [f"{unclear}; {key} keeps the scene's value" for key, unclear in self.kept]
         lines += findings(self.evidence)
         if self.proposed is not self.rivals[0]:
             lines += [
@@ -249,17 +249,17 @@ class Identification(ResultBase):
         if self.posterior:
             lines.append(
                 f"posterior: {self.posterior.independent:.0f} independent draws, "
-                f"{self.posterior.accepted:.0%} of the moves accepted; its residuals are taken for "
+                f"{self.posterior.accepted:.0%} of the moves accepted; residuals are assumed "
                 "independent"
             )
         lines.append(
-            f"fitted to {self._fitted_part()}; intervals allow for correlated residuals; "
+            f"fitted to {self._fitted_part()}; intervals include correlated residuals; "
             f"{self.seconds:.1f} s"
         )
         return lines
 
     def _fitted_part(self):
-        """Text: the part of the records that was fitted."""
+        """Text on the fitted part of the records."""
         steady = sum(isinstance(record, ResponseRecord) for record in self.records)
         lines = f"two of every three frequencies of {_counted(steady, 'record')}"
         count = len(self.records) - steady
@@ -330,18 +330,19 @@ class Identification(ResultBase):
         )
 
     def scene_text(self, rival: Rival | None = None) -> str:
-        """The scene of the model, or of another one, as a TOML file with intervals in comments.
+        """A model's scene as a TOML file with intervals in comments.
 
-        Its head has the verdict, the table and the findings.
+        The head contains the verdict, the table and the findings. `rival`: another model than the
+        fitted one.
         """
         model = rival.fitted if rival and rival.fitted else self.fitted
         errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
         comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
-        for key, known in self.dependent.items():
+        for key, assumed in self.dependent.items():
             if key in comments:
-                comments[key] += f", if {_condition(known)}"
+                comments[key] += f", if {_condition(assumed)}"
         if BASE_FACTOR in comments:
-            comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
+            comments[BASE_FACTOR] += "; only as accurate as the accelerometer's scale"
         for direction in model.undetermined:
             comments |= {key: "not determined by the records" for key in direction.keys}
         names = ", ".join(record.name for record in self.measurements)
@@ -351,7 +352,7 @@ class Identification(ResultBase):
         return scene_text(model.scene, comments, [*heading, path])
 
     def texts(self) -> dict[str, str]:
-        """Further files of the result: the scenes, that proposed where it is another, the page."""
+        """Further files of the result: the scenes, including a proposed one, and the HTML page."""
         names = ", ".join(record.name for record in self.measurements)
         page = page_of(self, f"identified from {names}")
         files = {".toml": self.scene_text(), ".html": page}
@@ -360,9 +361,9 @@ class Identification(ResultBase):
         return files
 
 
-def _condition(known):
-    """Text: the assumed value that limits the accuracy of a value."""
-    names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in known]
+def _condition(assumed):
+    """Text on the assumed value that limits the accuracy of a value."""
+    names = [key.removeprefix("sensor.").replace("_scale", "'s gain") for key in assumed]
     return f"{' and '.join(names)} {'are' if names[1:] else 'is'} exact"
 
 

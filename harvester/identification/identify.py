@@ -1,4 +1,4 @@
-"""`identify`: from measured records to a scene with intervals, and how far it predicts."""
+"""`identify`: fit a scene with intervals to measured records, and assess its predictions."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Progress (share of the work) at which other models begin, and at which the posterior begins.
+# Progress (share of the work) at which rival models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
-# Share of the work left to rivals that each of them takes.
+# Share of the remaining work for each rival model.
 RIVAL_SHARE = 0.1
 
 
@@ -45,8 +45,7 @@ def identify(
     Parameters
     ----------
     scene : Scene
-        Scene that gives the initial values and all known ones: values that are not free stay as
-        they are.
+        Scene with the initial values and all known ones; values that are not free are unchanged.
     records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
         CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration with voltage,
         displacement or velocity; or a frequency response, frequency with amplitude and phase;
@@ -54,26 +53,26 @@ def identify(
         sampling_rate=HZ, or values that differ from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
-        Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
-        phase or of resistance and reactance, or .s1p (needs scikit-rf: the extra
-        `analyser`), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
-        phase=COLUMN:UNIT, …; alone it determines stiffness, damping, coupling and capacitance for
-        the scene's mass, together with records the mass too.
+        Impedance of the piezo with clamped base, from an impedance analyser: CSV of magnitude and
+        phase or of resistance and reactance, or .s1p (needs scikit-rf: the extra `analyser`), with
+        the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …. Alone it
+        determines stiffness, damping, coupling and capacitance for the scene's mass, together with
+        records also the mass.
     free : sequence of str
         Fitted values: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
-        sensor.acceleration_highpass, …); `device` is short for the default: the device's
-        own that are not zero, but mass, winding, leak and, without a displacement, the constant
-        force; values that the records do not determine then stay as in the scene.
+        sensor.acceleration_highpass, …). `device` (default) means all nonzero numbers of the device
+        except mass, winding, leak and, without a displacement, the constant force. Values that the
+        records do not determine then keep the scene's values.
     keep_aside : as `records`
-        Whole records that are not fitted to: each is run from one start under its acceleration, and
-        its orbit, rms and power are compared.
+        Validation records, which are not fitted: each is simulated from one start under its
+        acceleration, and orbit, rms and power are compared.
     compare : bool
-        In addition to the scene's model fit others for comparison (symmetric spring or not, cubic
-        or linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
-        left); --alone fits the scene's only.
+        Also fit other models for comparison (symmetric spring or not, cubic or linear, drag,
+        stoppers; sensors and richer springs if residuals exceed the sensors' noise); --alone fits
+        only the scene's model.
     posterior : bool
-        Sample the posterior of the values too, by the scene's seed (needs emcee: the extra
+        Also sample the posterior of the values, with the scene's seed (needs emcee: the extra
         `posterior`).
 
     Other Parameters
@@ -88,9 +87,9 @@ def identify(
     Raises
     ------
     SceneError, HarvesterError
-        A record or a key is not usable.
+        A record or a key is invalid.
     IdentificationError
-        The records do not determine the values asked for.
+        The records do not determine the requested values.
 
     Examples
     --------
@@ -112,10 +111,9 @@ def identify(
     from harvester.identification.verdict import FitEvidence, verdict
 
     clock = time.perf_counter()
-    # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
+    # Records determine the lumped values, not the drawing's dimensions, so the drawing is removed.
     scene = scene.without_drawing()
-    # Nor do they determine a frequency, a damping ratio or k² instead of the values that follow
-    # from them.
+    # Likewise a frequency, a damping ratio or k² is replaced by the values computed from it.
     tables = ("oscillator", scene.oscillator), (scene.transducer_name, scene.transducer)
     scene = scene.replace(
         {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}
@@ -142,13 +140,13 @@ def identify(
         if named is not None:
             keys = checked_keys(begun, named, outputs)
         if not keys:
-            raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
+            raise IdentificationError(f"{scene.name}: no value is free; name keys with --free")
         checks.check_volts(measurements, keys)
     if analysed:
         measurements.append(analysed.measured)
     stages.begin(0.0, MODELS_BEGIN, "fit")
     try:
-        base, kept = _determined(begun, measurements, keys, free is None, stages)
+        base, fixed = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
         remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
@@ -160,13 +158,13 @@ def identify(
     models = [rivals.Rival("as given", base, explains=base.explains)]
 
     def report(name: str) -> None:
-        # The number of rivals is not known in advance: each takes a share of the remaining work.
+        # The number of rivals is unknown in advance: each gets a share of the remaining work.
         begin = stages.share + RIVAL_SHARE * (POSTERIOR_BEGINS - stages.share)
         stages.begin(begin, begin, f"rival model: {name}")
 
     if compare and any(record.acceleration is not None for record in measurements):
         models = rivals.rival_models(models[0], measurements, scene, keys, report)
-    stages.begin(POSTERIOR_BEGINS, 1.0, "records kept aside")
+    stages.begin(POSTERIOR_BEGINS, 1.0, "validation records")
     where = visited(base)
     evidence = FitEvidence(
         records=base.records,
@@ -185,7 +183,7 @@ def identify(
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=kept,
+        kept=fixed,
         evidence=evidence,
         verdict=verdict(evidence),
         posterior=posterior_of(base, scene.run.seed, stages) if posterior else None,
@@ -195,11 +193,11 @@ def identify(
 
 
 def _read(item, name, reader, *options):
-    """A measurement from a file or a pair (file, settings)."""
+    """Read a measurement from a file or a pair (file, settings)."""
     file, settings = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
     if not isinstance(file, (str, Path)):
         raise IdentificationError(
-            f"{name}: {shown(item)}: must be a file or what {reader.__name__} returns"
+            f"{name}: {shown(item)}: must be a file or the return value of {reader.__name__}"
         )
     return reader(file, settings, *options)
 
@@ -217,7 +215,7 @@ def _measurements(scene, records):
         else _read(item, "records", read_measurement, scene.units)
         for item in listed(records, "records", '["shaker.csv"]')
     ]
-    # Records in time come first, because they show the motion.
+    # Time records come first, because they show the motion.
     return sorted(measurements, key=lambda record: isinstance(record, MeasuredResponse))
 
 
@@ -228,9 +226,9 @@ def _determined(
     drop: bool,
     follow: Callable[[float], object],
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
-    """The fit of the values that the records determine, and the keys kept at the scene's values.
+    """Fit the values that the records determine; also return the keys with the scene's values.
 
-    A model that follows the records in fragments only has no values that are worth a second fit.
+    If a model follows the records only in fragments, a second fit of its values is omitted.
     """
     from harvester.identification.fitting import fitted
     from harvester.identification.identifiability import to_keep
@@ -239,7 +237,7 @@ def _determined(
     model = fitted(scene, measurements, keys, follow=follow)
     while drop and (unclear := to_keep(model)) and model.follows:
         undetermined += unclear
-        kept = {key for key, _ in undetermined}
-        keys = [key for key in model.keys if key not in kept]
+        fixed = {key for key, _ in undetermined}
+        keys = [key for key in model.keys if key not in fixed]
         model = fitted(scene, measurements, keys, follow=follow)
     return model, undetermined

@@ -1,8 +1,8 @@
-"""From an impedance to a scene's numbers.
+"""Determine a scene's numbers from an impedance.
 
-Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the position
-where the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are
-known, and stiffness, damping and coupling² are in proportion to the scene's mass.
+Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C) for small motion about the rest position with clamped
+base. An impedance determines one number less than the scene has: fs, Q, θ²/M and Cp are known, and
+stiffness, damping and coupling² are proportional to the scene's mass.
 """
 
 from __future__ import annotations
@@ -28,17 +28,16 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.scene.model import Scene
 
-# A further mode is first sought with these quality factors, at each of the measured frequencies.
+# A further mode is first tried with these quality factors, at each of the measured frequencies.
 QUALITIES = np.geomspace(5.0, 2000.0, 9)
 MOST_PLACES = 400
 MOST_MODES = 6
 # A further mode is accepted only if it lowers n ln(sum of squares) by more than this plus 3 ln n
-# (three new parameters, Schwarz's criterion). Noise alone does so in fewer than one set of 10,000.
+# (three new parameters, Schwarz criterion). Noise alone does so in fewer than one of 10,000 sets.
 SURE_OF_MODE = 20.0
-# A branch with a lower quality factor than this corrects the background and is not counted as a
-# resonance.
+# A branch with a lower quality factor corrects the background and does not count as a resonance.
 LOWEST_QUALITY = 3.0
-# Fewest points within a resonance's half-power width from which its quality factor is determined.
+# Minimum number of points in a resonance's half-power width to determine its quality factor.
 FEWEST_OVER_WIDTH = 3
 NUMBERS = {
     "series_resonance": "Hz",
@@ -58,7 +57,7 @@ class ButterworthVanDyke:
     Attributes
     ----------
     parameters : ndarray, shape (2 + 3 modes,)
-        ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
+        ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by ascending fs.
     loss_error : float
         Standard error of tan δ.
     """
@@ -79,8 +78,8 @@ class ButterworthVanDyke:
     def numbers(self, mode: int) -> dict[str, float]:
         """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
 
-        Cp is the capacitance in parallel with the mode: C0 and the capacitances of the modes above
-        it, which follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
+        Cp is the capacitance in parallel with the mode: C0 and the capacitances of higher modes,
+        which respond quasi-statically. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
         """
         resonance, quality, motional = np.exp(self.parameters[2 + 3 * mode : 5 + 3 * mode])
         above = np.exp(self.parameters[4 + 3 * (mode + 1) :: 3]).sum()
@@ -100,13 +99,13 @@ def _branches(frequency, parameters):
 
 
 def _unit_branch(frequency, resonance, quality):
-    """Admittance of a mode over its motional capacitance."""
+    """Admittance of a mode divided by its motional capacitance."""
     ratio = frequency / resonance
     return 2j * math.pi * frequency / (1.0 - ratio**2 + 1j * ratio / quality)
 
 
 def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
-    """The circuit of an impedance: as many modes as it shows.
+    """The circuit of an impedance, with as many modes as are significant.
 
     Parameters
     ----------
@@ -120,27 +119,31 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     Raises
     ------
     IdentificationError
-        It shows no resonance.
+        The impedance shows no resonance.
     """
-    parameters, left, error = _polished(frequency, impedance, _linear(frequency, impedance, []))
+    parameters, remaining_cost, error = _polished(
+        frequency, impedance, _linear(frequency, impedance, [])
+    )
     samples = 2 * frequency.size
     for _ in range(MOST_MODES):
         begun = _with_another(frequency, impedance, parameters)
         trial, remaining, trial_error = _polished(frequency, impedance, begun)
-        gained = samples * math.log(left / max(remaining, 1e-300))
+        gained = samples * math.log(remaining_cost / max(remaining, 1e-300))
         shapes = np.exp(trial[2:].reshape(-1, 3))
         inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
         if gained < SURE_OF_MODE + 3.0 * math.log(samples) or not inside.all():
             break
         if (shapes[:, 1] < LOWEST_QUALITY).any():
             break
-        parameters, left, error = trial, remaining, trial_error
+        parameters, remaining_cost, error = trial, remaining, trial_error
     if parameters.size == 2:
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
             f"impedance fits a capacitance of {math.exp(parameters[0]):.3g} F with tan δ = "
-            f"{parameters[1]:.2g}, to {math.sqrt(left / frequency.size):.2g} of itself: measure "
-            "where the device resonates, with its base clamped and its electrodes connected"
+            f"{parameters[1]:.2g}, with a relative error of "
+            f"{math.sqrt(remaining_cost / frequency.size):.2g}: "
+            "measure around the device's resonance, with its base clamped and its electrodes "
+            "connected"
         )
     return ButterworthVanDyke(parameters, error)
 
@@ -154,7 +157,7 @@ def _equations(frequency, impedance, shapes):
 
 
 def _linear(frequency, impedance, shapes):
-    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+    """C0, tan δ and each mode's capacitance for given (fs, Q): least relative error of Y."""
     table, target = _equations(frequency, impedance, shapes)
     sizes = np.abs(table).max(axis=0)
     coefficients = np.linalg.lstsq(table / sizes, target, rcond=None)[0] / sizes
@@ -172,15 +175,15 @@ def _stacked(table):
 
 
 def _with_another(frequency, impedance, parameters):
-    """Parameters with the mode that takes most off the relative error of Y."""
+    """Parameters with the additional mode that reduces the relative error of Y most."""
     shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
     table, target = _equations(frequency, impedance, shapes)
     basis, _ = np.linalg.qr(table)
     target = target - basis @ (basis.T @ target)
-    places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
-    best, most = (places[0], QUALITIES[0]), 0.0
+    candidates = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
+    best, most = (candidates[0], QUALITIES[0]), 0.0
     for quality in QUALITIES:
-        trial = _unit_branch(frequency[:, None], places, quality) * impedance[:, None]
+        trial = _unit_branch(frequency[:, None], candidates, quality) * impedance[:, None]
         table = _stacked(trial)
         sizes = np.linalg.norm(table, axis=0)
         table = table - basis @ (basis.T @ table)
@@ -189,19 +192,19 @@ def _with_another(frequency, impedance, parameters):
         # Only branches with a positive motional capacitance are candidates.
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
-            most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
+            most, best = float(gains.max()), (float(candidates[gains.argmax()]), float(quality))
     begun = _linear(frequency, impedance, [*shapes, best])
     return _by_frequency(begun)
 
 
 def _by_frequency(parameters):
-    """Parameters with the modes sorted by their resonances."""
+    """Parameters with the modes sorted by resonance frequency."""
     order = np.argsort(parameters[2::3])
     return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
 
 
 def _polished(frequency, impedance, begun):
-    """Parameters, sum of squares and error of tan δ, of the fit of ln Z near a start."""
+    """Parameters, sum of squares and error of tan δ, of the fit of ln Z from a start."""
 
     def residuals(parameters):
         admittance = _branches(frequency, np.clip(parameters, -700.0, 700.0)).sum(axis=1)
@@ -218,27 +221,26 @@ def _polished(frequency, impedance, begun):
 
 
 def _check_width(frequency, circuit, mode, where):
-    """Raise IdentificationError if too few points lie over a resonance."""
+    """Raise IdentificationError if there are too few points within a resonance's width."""
     branch = circuit.numbers(mode)
     resonance = branch["series_resonance"]
     width = resonance / branch["quality"]
     inside = np.abs(frequency - resonance) <= 0.5 * width
-    # Where the series and the parallel resonance are farther apart than the width, all points
-    # between them count.
+    # If the distance of the series and parallel resonances exceeds the width, all points between
+    # them count.
     between = (frequency >= resonance) & (frequency <= branch["parallel_resonance"])
     points = int(np.count_nonzero(inside | between))
     if points < FEWEST_OVER_WIDTH:
         raise IdentificationError(
-            f"{where}: too few points over the resonance at {resonance:.5g} Hz: {points} within "
-            f"its width of {width:.2g} Hz, and {FEWEST_OVER_WIDTH} are the fewest: measure it in "
+            f"{where}: too few points in the resonance at {resonance:.5g} Hz: {points} within "
+            f"its width of {width:.2g} Hz, must be at least {FEWEST_OVER_WIDTH}: measure in "
             f"steps of {0.2 * width:.2g} Hz or less"
         )
 
 
-# A unit is taken to be wrong if the scene's capacitance differs from the measured one by this
-# factor.
+# A wrong unit is assumed if the scene's and the measured capacitance differ by this factor.
 WRONG_UNIT = 100.0
-# The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
+# The scene gets a leakage resistance if tan δ exceeds this number of its standard errors.
 SURE_OF_LOSS = 3.0
 
 
@@ -249,13 +251,13 @@ class FromImpedance:
     Attributes
     ----------
     mode : int
-        Index of the circuit's mode that is the scene's.
+        Index of the circuit's mode that the scene describes.
     measured : MeasuredImpedance
-        The impedance, with the background of the other modes and of the loss.
+        The impedance, with the contributions of other modes and losses as background.
     scene : Scene
-        The scene with the circuit's values, from which a fit begins.
+        The scene with the circuit's values, from which a fit starts.
     keys : list of str
-        Keys of the values that an impedance alone determines, the mass being known.
+        Keys of the values that an impedance alone determines if the mass is known.
     """
 
     circuit: ButterworthVanDyke
@@ -267,7 +269,7 @@ class FromImpedance:
     def parameters(self, fitted: Fitted) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k² and Q of the fitted device, tan δ of the circuit, with 95 % intervals."""
         responses = fitted.shooting.responses
-        # An impedance comes after all other measurements.
+        # Impedances follow all other measurements.
         last = len(responses.experiments) - 1
 
         def numbers_of(values):
@@ -294,20 +296,20 @@ class FromImpedance:
         }
 
     def findings(self, fitted: Fitted) -> list[str]:
-        """The device's numbers, the circuit's other modes, and what the impedance leaves open."""
+        """The device's numbers, the circuit's other modes, and undetermined values."""
         lines = [f"{self.measured.name}: {_in_words(self.parameters(fitted))}"]
         for mode in range(self.circuit.modes):
             if mode != self.mode:
                 other = self.circuit.numbers(mode)
                 lines.append(
                     f"{self.measured.name}: another mode at {other['series_resonance']:.5g} Hz, Q "
-                    f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is left out of "
-                    "the scene; the capacitance of modes above is part of Cp"
+                    f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is not in "
+                    "the scene; the capacitance of higher modes is part of Cp"
                 )
         if MASS not in fitted.keys:
             lines.append(
                 "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
-                "stiffness and damping are in proportion to it and coupling to its square root; "
+                "stiffness and damping are proportional to it and coupling to its square root; "
                 "weigh it, or give a record of voltage under a measured acceleration (--record)"
             )
         return lines
@@ -342,7 +344,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system
     resting = float(system.spring.slope(timescales.rest(system)))
-    # The circuit's mode whose frequency is nearest to the scene's, by their ratio, is the scene's.
+    # The scene describes the circuit's mode with the nearest frequency, by ratio.
     frequency = math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi)
     mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
     branch = circuit.numbers(mode)
@@ -354,7 +356,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     clamped, stiffness = branch["capacitance"], mass * rate**2
     begun = numbers(scene)[linear_key][0]
     values = {
-        # Of a spring without constant and even terms this gives the stiffness at rest exactly.
+        # For a spring without constant and even terms this gives the exact stiffness at rest.
         linear_key: begun * stiffness / (mass * resting) if begun and resting > 0.0 else stiffness,
         "oscillator.damping": mass * rate / branch["quality"],
         "piezo.coupling": rate * math.sqrt(mass * clamped * share / (1.0 - share)),
@@ -363,7 +365,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     if leaks:
         values["piezo.leakage_resistance"] = 1.0 / (rate * clamped * branch["loss_tangent"])
     scene = scene.replace(values)
-    # Effects without a part in the scene: other modes, and losses other than a leak.
+    # Effects outside the scene: other modes, and losses other than a leak.
     branches = _branches(measured.frequency, circuit.parameters)
     background = branches.sum(axis=1) - branches[:, 1 + mode]
     background -= 2j * math.pi * measured.frequency * clamped
@@ -384,12 +386,12 @@ def _linear_key(scene):
 
 
 def _check_capacitance(scene, capacitance, where):
-    """Refuse a capacitance that only a wrong unit explains."""
+    """Raise if the capacitance differs so much that a unit must be wrong."""
     ratio = capacitance / scene.transducer.capacitance
     if 1.0 / WRONG_UNIT < ratio < WRONG_UNIT:
         return
     raise IdentificationError(
-        f"{where}: the capacitance comes out at {capacitance:.3g} F, and the scene has "
+        f"{where}: the measured capacitance is {capacitance:.3g} F, but the scene has "
         f"{scene.transducer.capacitance:.3g} F, a factor of {ratio:.3g}: check the units (ohm or "
         "kohm, Hz or kHz), or correct the scene"
     )

@@ -1,18 +1,18 @@
-"""Errors of fitted values: with correlated residuals, and for values that are not determined.
+"""Errors of fitted values, for correlated residuals and undetermined values.
 
-With residuals of covariance Γ the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹, N = Jᵀ J,
-the windows' starts eliminated from J. Γ is the covariance of a stationary series with the
-residuals' spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification,
-ch. 9). Where residuals are largest just where J is, as those of a noisy drive are, that is too
-little: a variance is never below the one from sums of Jᵀ r over blocks of the record.
+For residuals with covariance Γ, the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹ with N =
+Jᵀ J, where the windows' starts are eliminated from J. Γ is the covariance of a stationary series
+with the residuals' spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System
+Identification, ch. 9). If residuals are largest where J is, as with a noisy drive, this is too
+small. Therefore the variance is at least that from sums of Jᵀ r over blocks of the record.
 
-Noise of the base's sensor drives the model, so the residuals that it causes are as narrow as the
-resonance and largest where the values have their effect. A single record shows their spectrum there
-by some ten independent lines, and a smoothed spectrum is too low. Hence the spectrum is simulated:
-white noise is added to the acceleration and sent through the model in the fit's own windows. Its
-size is the record's noise floor, within the limit that the residuals' spectrum leaves besides the
-outputs' white noise (Whittle's likelihood). Both noises are compared with the residuals after what
-windows' starts and values explain of them is removed: short windows absorb noise in the motion's
+Noise of the base's sensor drives the model, so that its residuals are as narrow as the resonance,
+and largest where the values have their effect. A single record shows their spectrum there by about
+ten independent lines, and a smoothed spectrum is too low. Therefore the spectrum is simulated:
+white noise is added to the acceleration and passed through the model in the fit's windows. Its
+power is the record's noise floor, limited by the residuals' spectrum without the outputs' white
+noise (Whittle likelihood). Before the comparison, both noises and residuals lose the part that
+windows' starts and values explain, since short windows absorb noise in the motion's band.
 band.
 """
 
@@ -37,30 +37,31 @@ from harvester.statistics.batch_means import student_factor
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Most by which leaving out one record may move a value, in sizes of the value.
+# Maximum change of a value if one record is omitted, in sizes of the value.
 MOST_MOVED = 10.0
-# Eigenvalues below this share of the largest are rounding of the difference quotients.
+# Eigenvalues below this share of the largest are round-off of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
-# Number of blocks of a record; their sums of Jᵀ r are taken as independent.
+# Number of blocks of a record, whose sums of Jᵀ r are assumed independent.
 BLOCKS = 12
-# Number of segments that a residual's spectrum is averaged over.
+# Number of segments over which a residual's spectrum is averaged.
 SEGMENTS = 12
-# Number of drawn noise records of each experiment: a variance from them is known to a third.
+# Number of simulated noise records per experiment: their variance is accurate to a third.
 DRAWS = 16
-# Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
+# Iterations of the Whittle likelihood; from the third on, powers change by less than 1 %.
 WHITTLE_STEPS = 5
-# Standard errors by which residuals exclude the noise that the base's own record shows.
+# Number of standard errors at which residuals exclude the noise of the base's record.
 SURE_OF_SHARE = 2.0
 
 
 def interval(value: float, standard_error: float) -> tuple[float, float]:
-    """95 % interval of a normal estimate."""
+    """95 % interval of a normally distributed estimate."""
     return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Sums over all records of products of the Jacobian's columns, without the windows' starts.
+    """Sums over all records of products of the Jacobian's columns, after eliminating windows'
+    starts.
 
     Attributes
     ----------
@@ -69,7 +70,7 @@ class NormalEquations:
     normal : ndarray, shape (columns, columns)
         Jᵀ J.
     meats : tuple of ndarray, shape (columns, columns)
-        Covariances of Jᵀ r: by the residuals' spectrum, by blocks, and by noise of the base.
+        Covariances of Jᵀ r: from the residuals' spectrum, from blocks, and from noise of the base.
     """
 
     gradient: np.ndarray
@@ -77,14 +78,14 @@ class NormalEquations:
     meats: tuple[np.ndarray, ...]
 
     def of(self, columns: Sequence[int]) -> NormalEquations:
-        """The equations of some columns alone."""
+        """The equations of a selection of columns."""
         pairs = np.ix_(columns, columns)
         meats = tuple(meat[pairs] for meat in self.meats)
         return NormalEquations(self.gradient[columns], self.normal[pairs], meats)
 
     @property
     def step(self) -> np.ndarray:
-        """Change of all columns' values that lowers the cost most, to first order."""
+        """Change of all columns' values that reduces the cost most, to first order."""
         return -_inverse(self.normal + _ridge(self.normal)) @ self.gradient
 
     @property
@@ -100,7 +101,7 @@ class NormalEquations:
 
 
 def _ridge(normal):
-    """Matrix that gives a value without any effect a finite variance, the largest."""
+    """Matrix that limits the variance of a value without effect to the maximum."""
     sizes = np.diag(normal).copy()
     sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
     return SMALLEST_EIGENVALUE * np.diag(sizes)
@@ -114,35 +115,35 @@ def normal_equations(
     Parameters
     ----------
     at_minimum : bool
-        False if the values of some unknowns are not fitted. Residuals that their errors have caused
-        are then no noise.
+        False if the values of some unknowns are not fitted. Residuals due to their errors then do
+        not count as noise.
     """
     p, parts = len(shooting.unknowns), []
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        states, left = table[..., p : p + 3], table[..., -1]
-        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, left))
+        states, residuals = table[..., p : p + 3], table[..., -1]
+        parts.append((without_states(table[..., :p], states, edges - edges[0]), states, residuals))
     normal = sum(np.einsum("noi,noj->ij", columns, columns) for columns, _, _ in parts)
-    gradient = sum(np.einsum("noi,no->i", columns, left) for columns, _, left in parts)
+    gradient = sum(np.einsum("noi,no->i", columns, residuals) for columns, _, residuals in parts)
     inverse = _inverse(normal + _ridge(normal))
     step = 0.0 * gradient if at_minimum else -inverse @ gradient
     meats = []
-    for number, (columns, states, left) in enumerate(parts):
-        left = left + columns @ step
+    for number, (columns, states, residuals) in enumerate(parts):
+        residuals = residuals + columns @ step
         if isinstance(shooting.responses.experiments[number], SteadyExperiment):
             # Lines of a response or an impedance are few, and their residuals mostly white.
-            free = max(left.shape[0] - columns.shape[-1] / left.shape[1], 1.0)
-            sizes = [float(part @ part) / free * correlation_factor(part) for part in left.T]
+            free = max(residuals.shape[0] - columns.shape[-1] / residuals.shape[1], 1.0)
+            sizes = [float(part @ part) / free * correlation_factor(part) for part in residuals.T]
             meats.append((np.einsum("o,noi,noj->ij", sizes, columns, columns),) * 3)
             continue
-        free = left.shape[0] - 3 * (fit.edges[number].size - 1) - p
-        scores = np.einsum("noi,no->ni", columns, left)
+        free = residuals.shape[0] - 3 * (fit.edges[number].size - 1) - p
+        scores = np.einsum("noi,no->ni", columns, residuals)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
-        noise = _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
-        fitted_away = left.shape[0] / max(free, 1)
+        noise = _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse)
+        fitted_away = residuals.shape[0] / max(free, 1)
         meats.append(
             (
-                _meat(columns, left) * fitted_away,
+                _meat(columns, residuals) * fitted_away,
                 blocks.T @ blocks * BLOCKS / (BLOCKS - 1),
                 noise,
             )
@@ -157,18 +158,16 @@ def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
 
 
 def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.ndarray:
-    """Covariance from the changes of the values as each record is left out once (jackknife).
+    """Covariance from the changes of the values when each record is omitted in turn (jackknife).
 
-    It holds a model's error, which differs from record to record. Each fit without a record is one
-    step of the linearized problem. A variance from so few records is itself uncertain: intervals
-    are widened by Student's distribution. Zero of a single record.
+    It includes the model error, which differs between records. Each fit without a record is one
+    step of the linearized problem. As the variance from so few records is uncertain, intervals are
+    widened by Student's distribution. The result is zero for a single record.
 
     Parameters
     ----------
-    records : int
-        Number of records in time, which come first. Frequency responses and impedances stay in:
-        what one of them alone determines, such as the mass, would be without a bound where it is
-        left out.
+    Number of time records, which come first. Frequency responses and impedances are never omitted:
+    values that only one of them determines, such as the mass, would be unbounded without it.
 
     Returns
     -------
@@ -187,9 +186,9 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
 
 
 def correlation_factor(residuals: np.ndarray) -> float:
-    """Factor by which correlated residuals count less than white ones, at least 1.
+    """Factor (≥ 1) by which correlated residuals count less than white ones.
 
-    1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
+    It is 1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three times 1/√n).
     """
     n = residuals.size
     correlations = autocorrelations(residuals, n // 4 - 1)
@@ -219,24 +218,23 @@ def _meat(columns, residuals):
 
 
 def _inverse(normal):
-    """Inverse of a matrix that may be singular; undetermined directions get a large variance."""
+    """Inverse of a possibly singular matrix; undetermined directions get a large variance."""
     scale = np.sqrt(np.diag(normal))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     values = np.maximum(values, SMALLEST_EIGENVALUE * values[-1])
     return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
 
-def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse):
+def _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse):
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
-    Zero without a base whose motion was recorded. `states` are the residuals' derivatives by the
-    windows' starts, `left` the residuals; `columns` are the derivatives by the values, without the
-    part that the windows' starts explain; `inverse` is the inverse of the normal matrix of all
-    experiments.
+    It is zero without a recorded base motion. `states`: the residuals' derivatives by the windows'
+    starts; `left`: the residuals; `columns`: the derivatives by the values, without the part that
+    the windows' starts explain; `inverse`: inverse of the normal matrix of all experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))
-    random, (samples, outputs) = np.random.default_rng(0), left.shape
+    random, (samples, outputs) = np.random.default_rng(0), residuals.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)
     for output in range(outputs):
@@ -244,24 +242,24 @@ def _covariance_of_scores(shooting, fit, number, states, left, columns, inverse)
     cuts = fit.edges[number] - fit.edges[number][0]
     drawn = without_states(drawn.reshape(samples, outputs, -1), states, cuts)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    # The fit removes from noise the part that the windows' starts and the values explain.
+    # The fit removes the part of the noise that the windows' starts and the values explain.
     drawn -= columns @ (inverse @ scores)
-    of_base, of_outputs = _sizes(left, drawn.reshape(samples, outputs, -1, DRAWS))
+    of_base, of_outputs = _sizes(residuals, drawn.reshape(samples, outputs, -1, DRAWS))
     of_draws = scores[:, :DRAWS]
     from_base = of_base / DRAWS * of_draws @ of_draws.T
     return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
-def _sizes(left, drawn):
-    """Share of the drawn base noise's power in the residuals, and each output's mean square.
+def _sizes(residuals, drawn):
+    """Share of the simulated base noise's power in the residuals, and each output's mean square.
 
-    The share is 1, the noise that the base's record shows, unless the residuals ask for more, or
-    exclude so much, by `SURE_OF_SHARE` standard errors.
+    The share is 1 (the noise of the base's record), unless the residuals require more, or exclude
+    this by `SURE_OF_SHARE` standard errors.
     """
     from scipy.optimize import nnls
 
-    samples = left.shape[0]
-    spectrum = (np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples).T.ravel()
+    samples = residuals.shape[0]
+    spectrum = (np.abs(np.fft.rfft(residuals, axis=0)[1:]) ** 2 / samples).T.ravel()
     powers = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
     parts = powers.swapaxes(0, 1).reshape(spectrum.size, -1)
     explained = np.full(spectrum.size, np.maximum(spectrum.mean(), 1e-300))

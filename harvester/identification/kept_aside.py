@@ -1,13 +1,12 @@
-"""Whole validation records: a run from one start under the recorded acceleration of each.
+"""Predict validation records: a run from one start under the recorded acceleration of each.
 
-A prediction is claimed within the ranges that the fitted records visited; beyond, a model
-extrapolates.
+A prediction is claimed to be valid only in the ranges covered by the fitted records, since a model
+extrapolates beyond them.
 
-The record is followed in windows first, which gives its initial state and shows which orbit was
-measured. From that start alone the device then runs under the whole recorded acceleration, with the
-values that fit and with others that are as likely, drawn from the covariance. A value that only
-this record shows, such as the tilt of its base, is found in its windows for each of the likely
-values.
+The record is first fitted in windows, which gives its initial state and the measured orbit. Then
+the device is simulated from this state under the whole recorded acceleration, with the fitted
+values and with others drawn from their covariance. A value that only this record shows, such as the
+tilt of its base, is fitted in its windows for each set of values.
 """
 
 from __future__ import annotations
@@ -47,50 +46,50 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.validation_record import ValidationRecord
 
-# Number of likely sets of values, in addition to the best, and largest number of draws for them.
+# Number of sets of values in addition to the fitted one, and maximum number of draws for them.
 DRAWS, MOST_DRAWN = 8, 80
-# First share of a record that is left out: a run forgets its start in it.
+# First share of a record that is excluded, as the initial transient.
 FORGOTTEN = 1.0 / 3.0
-# An orbit goes between the wells if more than this share of the windows crosses a barrier; one
-# window in ten may begin in the wrong well.
+# An orbit is between the wells if more than this share of the windows crosses a barrier; one window
+# in ten may start in the wrong well.
 CROSSING = 0.1
-# The base moves as a sine if this share of its power lies within that number of lines of the peak.
+# The base moves as a sine if at least this share of its power is within SINE_LINES lines of the
+# peak.
 SINE, SINE_LINES = 0.9, 3
 # A record belongs to the fitted device if its residuals in windows, beyond noise, are at most this
 # multiple of the worst fitted record's, or this share of its rms. Records of a measured beam with
-# another tilt of its base left 5 to 20 times as much.
+# another tilt of its base had residuals 5 to 20 times as large.
 FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
-# First values of a record's own, as shares of what counts as a change of order one, beside the
-# scene's: a constant force has one well or the other in its favour. Two minima are the same if no
-# value differs by more than `SAME` of its size.
+# Initial values for a record's own values, relative to a change of order one, added to the scene's:
+# a constant force favours one well or the other. Two minima are the same if no value differs by
+# more than `SAME` of its size.
 FIRST_SHARES, SAME = (0.0, 0.1, -0.1, 0.2, -0.2), 0.02
-# The visited frequencies lie between these shares of the base's cumulative power.
+# The covered frequencies are between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
-# A position may lie outside the visited displacements by this share of their range.
+# A position may be outside the covered displacements by this share of their range.
 MARGIN = 0.02
-# A prediction is claimed while its run leaves the range of visited displacements, or the load that
-# of the loads, by at most this share, and the frequencies stay within this factor.
+# A prediction is claimed if its run exceeds the covered displacements, and the load the covered
+# loads, by at most this share, and the frequencies are within this factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
 SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
 
 @dataclass(frozen=True)
 class Visited:
-    """Ranges that the records visited, in SI units or a scaled scene's.
+    """Ranges covered by the records, in SI or scaled units.
 
     Attributes
     ----------
     displacement, velocity : tuple of (float, float)
-        Displacement and velocity of the mass: each record's least and greatest, as the model has
-        them.
+        Minimum and maximum of the mass's displacement and velocity in each record, by the model.
     frequency : (float, float)
         Hz, of the base.
     loads : tuple of float
         Resistances (Ω), or decay rates λ of a scaled scene.
     extrapolated : tuple of str
-        Features of the device that lie outside, in words.
+        Features of the device outside the ranges, as text.
     values : tuple of str
-        Keys of values that describe the spring around a position that no record visited.
+        Keys of values that describe the spring around a position that no record covers.
     si : bool
         Whether the scene is in SI units.
     """
@@ -105,7 +104,7 @@ class Visited:
 
     @property
     def ranges(self) -> str:
-        """The visited ranges, in words."""
+        """The covered ranges, as text."""
         speed = max(abs(end) for interval in self.velocity for end in interval)
         moved = " and ".join(
             f"{self._length(low)} … {self._length(high)}"
@@ -120,24 +119,25 @@ class Visited:
         )
 
     def excludes(self, responses: Responses, x: np.ndarray) -> str:
-        """Why a run (scaled displacements) of the only record of `responses` lies outside these
-        ranges; empty if it lies within them."""
+        """Reason why a run (scaled displacements) of the only record in `responses` is outside
+        these ranges; else empty.
+        """
         low, high = self.reach
         x = x * responses.length
         if x.min() < low or x.max() > high:
-            return "the run leaves the visited displacements"
+            return "the run exceeds the covered displacements"
         record = responses.experiments[0]
         load = _load(record.scene)
         if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
-            return "its load was not visited"
+            return "its load is outside the covered range"
         slowest, fastest = band([record.measurement])
         if slowest < self.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * self.frequency[1]:
-            return "its frequencies were not visited"
+            return "its frequencies are outside the covered range"
         return ""
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Displacements of a motion that a prediction is claimed for."""
+        """Displacements of a motion for which a prediction is claimed."""
         low, high = np.min(self.displacement), np.max(self.displacement)
         return float(low - BEYOND * (high - low)), float(high + BEYOND * (high - low))
 
@@ -146,13 +146,13 @@ class Visited:
 
 
 def visited(fitted: Fitted) -> Visited | None:
-    """The ranges that a fit's records visited; None if there are only frequency responses."""
+    """The ranges covered by a fit's records; None if there are only frequency responses."""
     if fitted.settled is None:
         return None
     responses = fitted.shooting.responses
     displacement: list[tuple[float, float]] = []
     velocity: list[tuple[float, float]] = []
-    # Records in time come first; sweeps and impedances after them have only small motion.
+    # Time records come first; sweeps and impedances contain only small motion.
     experiments = responses.experiments[: len(fitted.settled.edges)]
     for number in range(len(experiments)):
         states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
@@ -187,23 +187,23 @@ def _load(scene):
 
 
 def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
-    """Frequencies between which the base has most of its power, of all records (Hz)."""
+    """Frequencies between which the base has most of its power, over all records (Hz)."""
     ends = []
     for record in measurements:
         values = record.acceleration - record.acceleration.mean()
         power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
         gathered = np.cumsum(power)
-        places = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
+        indices = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
         frequencies = np.fft.rfftfreq(values.size, 1.0 / record.sampling_rate)
-        ends.append(frequencies[np.minimum(places, frequencies.size - 1)])
+        ends.append(frequencies[np.minimum(indices, frequencies.size - 1)])
     return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
 def _outside(system, length, ranges, si, several_loads):
-    """Features of the device outside the visited displacements."""
+    """Features of the device outside the covered displacements."""
 
-    def at(place):
-        return f"{1e3 * place:.3g} mm" if si else f"{place:.3g}"
+    def at(position):
+        return f"{1e3 * position:.3g} mm" if si else f"{position:.3g}"
 
     parts = []
     wells = [length * well for well in timescales.wells(system)]
@@ -222,18 +222,21 @@ def _outside(system, length, ranges, si, several_loads):
     high = max(interval[1] for interval in ranges)
     parts.append(f"the walls beyond {at(low)} and {at(high)}")
     if not several_loads:
-        parts.append("other loads (coupling and capacitance are as right as the load's resistance)")
+        parts.append(
+            "other loads (coupling and capacitance are only as accurate as the load's resistance)"
+        )
     return tuple(parts)
 
 
-def _inside(ranges, place):
+def _inside(ranges, position):
     return any(
-        low - MARGIN * (high - low) <= place <= high + MARGIN * (high - low) for low, high in ranges
+        low - MARGIN * (high - low) <= position <= high + MARGIN * (high - low)
+        for low, high in ranges
     )
 
 
 def _joined(ranges):
-    """Ranges that overlap as one, ascending."""
+    """Merge overlapping ranges, in ascending order."""
     merged: list[list[float]] = []
     for low, high in sorted(ranges):
         if merged and low <= merged[-1][1]:
@@ -251,18 +254,18 @@ def kept_aside(
     seed: int,
     report: Callable[[float], object] = lambda share: None,
 ) -> list[WholeRecord]:
-    """A fit's predictions of records that were not fitted.
+    """Predict records that were not fitted.
 
     Parameters
     ----------
     visited : Visited
-        Ranges that the fitted records visited.
+        Ranges covered by the fitted records.
     records : sequence of ValidationRecord
-        Residuals of the fitted records.
+        Validation data of the fitted records, with residuals.
     seed : int
-        Seed of the values that are drawn.
+        Seed of the drawn values.
     report : callable, optional
-        Called with the share of the records that are done.
+        Called with the share of completed records.
     """
     if not measurements:
         return []
@@ -280,7 +283,7 @@ def kept_aside(
 
 
 def _likely(fitted, seed):
-    """Likely sets of values that are of a device, the fitted one first, the others drawn."""
+    """Sets of values that define a valid device: the fitted one, then draws from the covariance."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     spread, directions = np.linalg.eigh(fitted.covariance)
     root = directions * np.sqrt(np.maximum(spread, 0.0))
@@ -294,9 +297,9 @@ def _likely(fitted, seed):
 def _model_error(records, missed):
     """Relative standard error of predicted powers, from the fitted records.
 
-    It combines the errors of their runs' powers and the part of their residuals that follows from
-    the motion: a share of the rms counts twice in the power. Student's factor allows for the small
-    number of records.
+    It combines the errors of the runs' powers and the part of the residuals that depends on the
+    motion: a relative error of the rms counts twice in the power. Student's factor corrects for the
+    small number of records.
     """
     pairs = [(record.free_power().estimate, record.powers()[0].estimate) for record in records]
     off = [math.log(max(free, 1e-300) / measured) for free, measured in pairs]
@@ -307,7 +310,7 @@ def _model_error(records, missed):
 def _of_record(fitted, measurement, visited, draws, model_error, limit):
     """Compare one validation record with its prediction."""
     length, noise = fitted.shooting.responses.length, _noise(fitted, measurement)
-    # A record may lie in the other well: starts are tried on both sides.
+    # The record may be in the other well, so starts on both sides are tried.
     farthest = (1.0 + BEYOND) * float(np.abs(visited.displacement).max()) / length
     reach, local, errors = (-farthest, farthest), [np.zeros(0)] * len(draws), np.zeros(0)
     if measurement.own:
@@ -322,8 +325,8 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
     problem, repeats = problems[0], _repeats(measurement)
     system, _ = problem.responses.at(0, np.zeros(0)).known_device
     saddles = np.sort(timescales.saddles(system))
-    # A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in
-    # both: those of one well are taken if they fit about as well.
+    # A sine in one well looks nearly the same in the other, so freely placed windows may mix wells:
+    # windows in a single well are chosen if they fit about as well.
     between = [saddle for saddle in saddles if reach[0] < saddle < reach[1]]
     wells = [*pairwise([reach[0], *between, reach[1]])] if between else []
     settled = _followed(problem, noise, wells, reach, 0.0)
@@ -336,10 +339,10 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
     left = math.sqrt(max(record.nrmse() ** 2 - record.noise() ** 2, 0.0))
     outside = visited.excludes(problem.responses, runs[0][0])
     if agreement < 1.0:
-        outside = "likely values lead to different orbits"
+        outside = "values within the uncertainty lead to different orbits"
     if left > limit:
-        cause = "with the value found in it" if measurement.own else "another tilt, load or sensor"
-        outside = f"{left:.0%} of it is left even in windows: {cause}"
+        cause = "with the value fitted in it" if measurement.own else "another tilt, load or sensor"
+        outside = f"its residual is {left:.0%} even in windows: {cause}"
     late_record = replace(
         record,
         measured=record.measured[late:],
@@ -375,17 +378,20 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
 
 
 def _problem(fitted, measurement, draw, values=None):
-    """The problem of one more record, the fitted values being as drawn.
+    """The problem of one more record, with the fitted values replaced by drawn ones.
 
-    The record's own values are as given, or unknowns in addition to the windows' starts.
+    The record's own values are given by `values`, or are unknowns in addition to the windows'
+    starts.
     """
     keys = list(measurement.own) if values is None else []
-    known = dict(zip(fitted.keys, map(float, draw), strict=True))
-    known |= zip(measurement.own, () if values is None else map(float, values), strict=not keys)
-    known = {key: value for key, value in known.items() if key not in keys}
-    # Drawn values are of a device: the fitted records were run with them.
-    scene = with_values(fitted.scene, [*known], known.values()) or fitted.scene
-    sensors = {key: value for key, value in known.items() if key.startswith("sensor.")}
+    values_by_key = dict(zip(fitted.keys, map(float, draw), strict=True))
+    values_by_key |= zip(
+        measurement.own, () if values is None else map(float, values), strict=not keys
+    )
+    values_by_key = {key: value for key, value in values_by_key.items() if key not in keys}
+    # Drawn values define a valid device, since the fitted records were simulated with them.
+    scene = with_values(fitted.scene, [*values_by_key], values_by_key.values()) or fitted.scene
+    sensors = {key: value for key, value in values_by_key.items() if key.startswith("sensor.")}
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
     record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
     responses = fitted.shooting.responses.replaced([record], keys)
@@ -394,30 +400,30 @@ def _problem(fitted, measurement, draw, values=None):
 
 
 def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
-    """Problem and fit of a record's own values, and the values for each of the draws.
+    """Fit a record's own values; return the problem, the fit, and the values for each draw.
 
-    If a mirrored motion fits about as well, the one inside the visited displacements is chosen.
+    If a mirrored motion fits about as well, the one in the covered displacements is chosen.
     """
     problem = _problem(fitted, measurement, draws[0])
     fit = _followed(problem, noise, [inside], reach, enough)
     if not fit.grams:
         raise IdentificationError(
-            f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
+            f"{measurement.name}: no value of {', '.join(measurement.own)} fits the record: "
             "check the columns' units and signs, or give the value"
         )
     begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
-    others = [
+    local_values = [
         _problem(fitted, measurement, draw).minimized(begun, ON_THE_WAY, COARSE).values
         for draw in draws[1:]
     ]
-    return problem, fit, [fit.values, *others]
+    return problem, fit, [fit.values, *local_values]
 
 
 def _followed(problem, noise, ranges, reach, enough):
-    """The record followed in windows with displacements in the best of some ranges, or anywhere.
+    """Fit a record in windows, with displacements in the best one of `ranges`, or anywhere.
 
-    The best range is chosen if the first output's residual is at most `enough`, a share of its
-    standard deviation, or if a mass that may be anywhere within reach fits no better.
+    The best range is chosen if the first output's relative residual is at most `enough`, or if
+    unrestricted displacements within `reach` do not fit better.
     """
     fits = [_in_windows(problem, noise, ends) for ends in ranges]
     best = min(fits, key=lambda fit: _cost(problem, fit, noise), default=None)
@@ -429,7 +435,7 @@ def _followed(problem, noise, ranges, reach, enough):
 
 
 def _in_windows(problem, noise, reach):
-    """The best fit in long windows, followed from each minimum in short ones."""
+    """The best fit in long windows, continued from each minimum in short ones."""
     measurement = problem.responses.experiments[0].measurement
     span = [(0, measurement.acceleration.size)]
     first = np.array([unknown.start for unknown in problem.unknowns])
@@ -446,14 +452,14 @@ def _in_windows(problem, noise, reach):
 
 
 def _cost(problem, fit, noise):
-    """Cost of a fit by a common noise, and its reduction by the windows' starts."""
-    # A fit that was followed is weighted by its own residuals.
+    """Cost of a fit with a common noise level, corrected for the windows' fitted starts."""
+    # A completed fit is weighted by its own residuals.
     same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
     return problem.cost(same) + sum(states.size for states in fit.starts)
 
 
 def _noise(fitted, measurement):
-    """Noise of each output, as the fit of other records has it."""
+    """Noise of each output, from the fit of the other records."""
     levels = dict(zip(measurement.outputs, measurement.assumed_noise, strict=True))
     for other, fitted_levels in zip(
         fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
@@ -470,21 +476,21 @@ def _run(problem, start, late):
 
 
 def _repeats(measurement):
-    """Samples of a period of a base that is a sine; None of others."""
+    """Samples per period if the base moves as a sine, else None."""
     base = measurement.acceleration - measurement.acceleration.mean()
     power = np.abs(np.fft.rfft(base * np.hanning(base.size))) ** 2
     line = int(np.argmax(power))
     near = power[max(line - SINE_LINES, 0) : line + SINE_LINES + 1]
     if line == 0 or near.sum() < SINE * power.sum():
         return None
-    # The frequency lies between lines: the mean of the strongest and its neighbours, weighted by
-    # power.
+    # The frequency is between lines: the power-weighted mean of the strongest line and its
+    # neighbours.
     weights = power[line - 1 : line + 2]
     return base.size / float(weights @ np.arange(line - 1, line + 2) / weights.sum())
 
 
 def _orbit(x, saddles, edges, period):
-    """Kind of motion in words: in which well or between the wells, and whether chaotic."""
+    """Kind of motion, as text: in which well or between the wells, and whether chaotic."""
     repeats = "" if period is None or repeats_in_noise(x, period) else ", chaotic"
     if not saddles.size:
         return f"in the well{repeats}"
@@ -500,11 +506,11 @@ def _orbit(x, saddles, edges, period):
 
 
 def _with_error(estimate, drawn, model_error):
-    """An estimate with the errors of the values and of the model in addition to its error."""
-    others = np.array(drawn) - drawn[0]
+    """An estimate whose error includes the errors of the values and of the model."""
+    deviations = np.array(drawn) - drawn[0]
     error = math.sqrt(
         estimate.standard_error**2
-        + float(np.mean(others[1:] ** 2) if others.size > 1 else 0.0)
+        + float(np.mean(deviations[1:] ** 2) if deviations.size > 1 else 0.0)
         + (model_error * estimate.estimate) ** 2
     )
     return replace(estimate, standard_error=error)

@@ -6,8 +6,8 @@ Multiscale Model. Simul. 19, 1474 (2021)):
 
     s ∫φ'' z = ∫φ [η − s c w − s² C2 |w| w − Σ kₙ sⁿ zⁿ − contacts − T],   x = s z, x' = s w.
 
-The nonlinear unknowns (the scale s of a motion derived from its voltage, the electrical rate, a
-gap) are searched on a grid.
+The nonlinear unknowns are searched on a grid: the scale s of a motion derived from its voltage, the
+electrical rate, and the gap.
 """
 
 from __future__ import annotations
@@ -47,13 +47,14 @@ class Motion:
     state: np.ndarray
     measured: bool
 
-    def centred(self, place: float) -> Motion:
-        """The motion with its mean at a position; unchanged if the displacement itself was
-        measured."""
-        return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
+    def centred(self, position: float) -> Motion:
+        """The motion with its mean at `place`; unchanged if the displacement was measured."""
+        return (
+            self if self.measured else replace(self, x=self.x + (position - float(self.x.mean())))
+        )
 
     def without_drift(self, measurement: Measurement) -> Motion:
-        """The motion with its slow drift removed by a high-pass."""
+        """The motion with its slow drift removed by a high-pass filter."""
         from scipy import signal
 
         if self.measured:
@@ -64,10 +65,10 @@ class Motion:
 
 
 def motion(trial: Trial) -> Motion:
-    """The motion that belongs to a record, computed with the scene's transducer.
+    """The motion of a record, computed with the scene's transducer.
 
-    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
-    x = ∫x' where the voltage follows the velocity at once.
+    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance; x =
+    ∫x' if the voltage is proportional to the velocity.
     """
     (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
@@ -129,16 +130,16 @@ def _driven_state(v, decay, rate):
     return lfilter([0.5 * gain, 0.5 * gain], [1.0, -share], v)
 
 
-# Length of a test function in periods of the motion, and how many begin within one length.
+# Length of a test function in periods of the motion, and number of test functions per length.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
-# The regression replaces a table of force by a polynomial of this degree.
+# The regression replaces a force table by a polynomial of this degree.
 TABLE_DEGREE = 5
-# The regression tries these factors of the capacitance and of the motion's size, and gaps of these
-# shares of the greatest displacement.
+# The regression tries these factors of the capacitance and of the motion's scale, and gaps of these
+# shares of the largest displacement.
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
-# Origins to try, in rms values of the motion: a motion within one well is far from the origin.
+# Origins to try, in rms values of the motion: motion in one well is far from the origin.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
 # Smallest damping ratio of a start.
@@ -147,7 +148,7 @@ LEAST_DAMPING_RATIO = 0.003
 
 @dataclass(frozen=True)
 class StartingPoint:
-    """Values of the unknowns, and the motion of each experiment that goes with them.
+    """Values of the unknowns, and the corresponding motion of each experiment.
 
     Attributes
     ----------
@@ -158,11 +159,10 @@ class StartingPoint:
     motions: list[Motion]
 
 
-def as_it_is(
+def unchanged_start(
     responses: Responses, values: np.ndarray, centre: float | None = None
 ) -> StartingPoint:
-    """The start at given values with the motions that follow from them, centred if `centre`
-    is given."""
+    """The start at given values with the corresponding motions, centred if `centre` is given."""
     motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
     if centre is not None:
         motions = [path.centred(centre) for path in motions]
@@ -177,10 +177,10 @@ def regressed(
     Parameters
     ----------
     unknowns : sequence of Unknown
-        Their bounds, and their starts for those that a regression does not give.
+        The unknowns, with bounds, and starts for those that the regression does not determine.
     drifts : bool
-        Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
-        wells; otherwise it only adds noise.
+        Whether to keep the slow part of an integrated voltage: it is needed if the mass changes
+        wells, and only adds noise otherwise.
     """
     values, low, high = (
         np.array([getattr(unknown, name) for unknown in unknowns])
@@ -196,12 +196,12 @@ def regressed(
     starts: list[StartingPoint] = []
     if best is None:
         return starts
-    for known, origin in best.results():
-        changed = np.clip(list(known.values()), low, high)
+    for fitted_values, origin in best.results():
+        changed = np.clip(list(fitted_values.values()), low, high)
         if responses.at(number, changed).device is None:
             continue
-        start = as_it_is(responses, changed)
-        # The regression gives only this record's origin; the other records' motions begin about the
+        start = unchanged_start(responses, changed)
+        # The regression gives only this record's origin; the other records' motions start about the
         # same place.
         motions = [path.centred(origin) for path in start.motions]
         starts.append(StartingPoint(changed, motions))
@@ -225,7 +225,7 @@ class _Regression:
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
-        # The transducer's force has a coefficient to be fitted: β of a scaled scene.
+        # The transducer's force has a coefficient to be fitted (β of a scaled scene).
         self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
         # The drive has an unknown factor, and the motion a known scale.
         self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
@@ -274,7 +274,9 @@ class _Regression:
         return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
 
     def _columns(self, share):
-        """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
+        """Columns of the regression (integrals of terms, divided by s) by their coefficients'
+        names.
+        """
         z = self.z / self.unit
         columns = {"damping": self.damping}
         if DRAG in self.known:
@@ -301,54 +303,54 @@ class _Regression:
 
         The right-hand side is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
-        # A term with an unknown coefficient is among the columns and left out here.
+        # A term with an unknown coefficient is a column, and is omitted here.
         drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
         terms = np.column_stack([drive, -self.inertia, force])
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
-        left = terms - columns @ solutions
+        residuals = terms - columns @ solutions
         size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
         powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
         return [
-            (np.linalg.norm(left @ scale_powers) / size, solutions @ scale_powers, s)
+            (np.linalg.norm(residuals @ scale_powers) / size, solutions @ scale_powers, s)
             for scale_powers, s in zip(powers, factors, strict=True)
         ]
 
-    def _force(self, found, s):
+    def _force(self, terms, s):
         """Coefficients of F as a polynomial of s z, scaled."""
-        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
+        return np.array([terms[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
 
-    def _translated(self, found, s, share, shift):
+    def _translated(self, terms, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
         mass, length = self.mass, self.scales.displacement
-        moved = shifted(self._force(found, s), shift)
+        moved = shifted(self._force(terms, s), shift)
         stiffness = abs(moved[1]) if moved.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
-        changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
+        changes = {"oscillator.damping": mass * max(terms["damping"] / s, least)}
         changes |= {
             spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
             for n, k in enumerate(moved)
         }
-        if "drag" in found:
-            changes[DRAG] = mass / length * max(found["drag"] / s**2, 0.0)
-        # Of a scaled scene β is in proportion to the force, of others the coupling to 1/s.
+        if "drag" in terms:
+            changes[DRAG] = mass / length * max(terms["drag"] / s**2, 0.0)
+        # In a scaled scene β is proportional to the force, otherwise the coupling to 1/s.
         for key in ("piezo.coupling", "coil.coupling"):
-            changes[key] = self._value(key) * found.get("force", 1.0 / s)
-        if found.get("drive"):
-            # The drive is the base factor over the sensor's scale; only one of them is free.
-            changes[BASE_SCALE] = self._value(BASE_SCALE) / found["drive"]
-            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * found["drive"]
+            changes[key] = self._value(key) * terms.get("force", 1.0 / s)
+        if terms.get("drive"):
+            # The drive is the base factor divided by the sensor's scale; only one of them is free.
+            changes[BASE_SCALE] = self._value(BASE_SCALE) / terms["drive"]
+            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * terms["drive"]
         if share is not None:
-            changes |= self._stops(found, s, share, shift)
+            changes |= self._stops(terms, s, share, shift)
         solved = {k: changes[k] for k in self.known if np.isfinite(changes.get(k, np.nan))}
         return {**self.known, **solved}, shift
 
     def _value(self, key):
-        """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
+        """Value of a scene's key, whether free or not; 0 if the scene has no such key."""
         return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
 
-    def _stops(self, found, s, share, shift):
+    def _stops(self, terms, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
         mass, length = self.mass, self.scales.displacement
         changes = {}
@@ -358,21 +360,22 @@ class _Regression:
             right = share * self.z.max() * s + shift
             left = -share * self.z.min() * s - shift
             gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[stop.side]
-            push = found[f"contact{index}"] / s**stop.exponent
+            push = terms[f"contact{index}"] / s**stop.exponent
             changes[f"{table}.gap"] = gap * length
             if push > 0.0:
                 changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - stop.exponent)
         return changes
 
-    def _shifts(self, found, s):
-        """Likely mean displacements: those for which the coefficients that are not free keep
-        their values."""
+    def _shifts(self, terms, s):
+        """Likely mean displacements: those at which the coefficients that are not free keep their
+        values.
+        """
         if not self.centred:
             return [s * self.offset]
         fixed = self._kept_coefficients()
         if not fixed:
             return [0.0]
-        force, rms = self._force(found, s), s * self.unit
+        force, rms = self._force(terms, s), s * self.unit
         off = np.zeros(ORIGINS.size)
         for index, origin in enumerate(ORIGINS * rms):
             moved = shifted(force, origin)
@@ -385,7 +388,7 @@ class _Regression:
         return [float(ORIGINS[index] * rms) for index in best]
 
     def _kept_coefficients(self):
-        """Scaled coefficients of the spring that are not free, by their powers."""
+        """Scaled spring coefficients that are not free, by power."""
         length, fixed = self.scales.displacement, {}
         for n in range(self.degree + 1):
             if spring_key(self.scene.oscillator, n) not in self.known:
@@ -395,7 +398,7 @@ class _Regression:
 
 
 def _powers(oscillator):
-    """(F0, k1, …) in the scene's units; of a table the coefficients of a polynomial near it."""
+    """(F0, k1, …) in the scene's units; for a table, coefficients of a fitted polynomial."""
     if oscillator.force_table is None:
         return [k or 0.0 for k in oscillator.coefficients]
     displacement, force = np.array(oscillator.force_table).T
@@ -410,29 +413,29 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
 
 
 def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
-    """All starts worth a trial: the scene as it is, and regressions on each record."""
+    """All starts to try: the scene's values, and regressions on each record."""
     values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
     for number, experiment in enumerate(responses.experiments):
         starts += regressed(responses, unknowns, number, True)
         if "displacement" not in experiment.measurement.outputs:
-            # An integrated voltage has a slow drift: the motion is tried without it, too.
+            # An integrated voltage has a slow drift, so the motion is also tried without it.
             starts += regressed(responses, unknowns, number, False)
     system, _ = responses.at(0, values).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
-    places = [*wells[:1]] if measured else [*wells, *saddles]
-    starts += [as_it_is(responses, values, centre) for centre in places]
+    positions = [*wells[:1]] if measured else [*wells, *saddles]
+    starts += [unchanged_start(responses, values, centre) for centre in positions]
     return [_with_velocity_scale(responses, start) for start in starts]
 
 
 def _with_velocity_scale(responses, start):
-    """The start with the free scale of a velocity's sensor as its motion has it."""
+    """The start with the free scale of a velocity sensor that fits its motion."""
     if VELOCITY_SCALE not in responses.keys:
         return start
     for number, path in enumerate(start.motions):
         trial = responses.at(number, start.values)
         if scale := trial.velocity_scale(path.v * responses.length):
-            known = {**trial.known, VELOCITY_SCALE: abs(scale)}
-            return StartingPoint(np.array(list(known.values())), start.motions)
+            values = {**trial.known, VELOCITY_SCALE: abs(scale)}
+            return StartingPoint(np.array(list(values.values())), start.motions)
     return start

@@ -1,4 +1,4 @@
-"""Measured frequency responses: voltage over base acceleration, sine by sine."""
+"""Measured frequency responses: voltage over base acceleration at discrete frequencies."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
 from harvester.records.quantities import QUANTITIES
 
-# Fewest frequencies in a response. One line in three is validation data.
+# Minimum number of frequencies in a response, and distance of the validation lines.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
-# Noise that the first fit assumes, as a share of an output's rms; relative noise of an impedance.
+# Noise assumed by the first fit, relative to an output's rms; relative noise of an impedance.
 ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
-# A response is conjugated if it turns by more than this share of all its turning, lines weighted by
-# their squares, towards larger phases: a device's turns the other way, noise either way.
+# A response is conjugated if more than this share of its phase change is towards larger phases,
+# with lines weighted by their squares. A device's phase decreases, and noise changes it either way.
 RISING = 0.5
 
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """Voltage over base acceleration at some frequencies, in SI units or a scaled scene's.
+    """Voltage over base acceleration at some frequencies, in SI or scaled units.
 
     Attributes
     ----------
     frequency : ndarray, shape (n,)
-        Hz; a descending sweep is turned round.
+        Hz; a descending sweep is reversed.
     response : ndarray, shape (n,)
-        V/(m/s²): complex, or the amplitude alone.
+        V/(m/s²): complex, or only the amplitude.
     acceleration : ndarray of shape (n,), or None
-        Amplitude of the base's sine (m/s²): the response then may depend on it.
+        Amplitude of the base's sine (m/s²), on which the response may depend.
     changes : dict of str to number or text
         Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
@@ -68,7 +68,7 @@ class MeasuredResponse:
                     f"line, as frequency with {shape}"
                 )
             if not np.isfinite(values).all():
-                raise SceneError(f"{self.name}: {quantity}: lines without a number: leave them out")
+                raise SceneError(f"{self.name}: {quantity}: lines without a number: remove them")
         descends = arrays["frequency"][0] > arrays["frequency"][-1]
         for quantity, values in arrays.items():
             object.__setattr__(self, quantity, values[::-1] if descends else values)
@@ -76,18 +76,18 @@ class MeasuredResponse:
             least = np.inf if getattr(self, quantity) is None else getattr(self, quantity).min()
             if least <= 0.0:
                 raise SceneError(
-                    f"{self.name}: {quantity}: {least:.6g}: must be > 0: leave those lines out, or "
+                    f"{self.name}: {quantity}: {least:.6g}: must be > 0: remove those lines, or "
                     "check the column"
                 )
         if np.diff(self.frequency).min(initial=np.inf) <= 0.0:
             raise SceneError(
-                f"{self.name}: frequency must rise or fall from line to line: is it the right "
+                f"{self.name}: frequency must be monotonic: is it the right "
                 "column? Of several sweeps keep one"
             )
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs that are compared with the model: real and imaginary part, or the amplitude."""
+        """Outputs compared with the model: real and imaginary part, or the amplitude."""
         if np.iscomplexobj(self.response):
             return {"real part": self.response.real, "imaginary part": self.response.imag}
         return {"amplitude": self.response}
@@ -99,13 +99,13 @@ class MeasuredResponse:
 
     @property
     def assumed_noise(self) -> np.ndarray:
-        """Noise of each output that the first fit assumes."""
+        """Noise of each output assumed by the first fit."""
         level = ASSUMED_NOISE * float(np.sqrt(np.mean(np.abs(self.response) ** 2)))
         return np.full(len(self.outputs), level)
 
     @property
     def resonance(self) -> float:
-        """Frequency of the greatest amplitude (Hz)."""
+        """Frequency of the largest amplitude (Hz)."""
         return float(self.frequency[np.argmax(np.abs(self.response))])
 
     @property
@@ -119,33 +119,33 @@ class MeasuredResponse:
         return np.arange(self.frequency.size) % KEPT_ASIDE == 1
 
     def _arrays(self):
-        """Names and values of all fields with a number for each frequency."""
+        """Names and values of all fields with one number per frequency."""
         values = ((entry.name, getattr(self, entry.name)) for entry in fields(self))
         return [pair for pair in values if not isinstance(pair[1], (str, dict, NoneType))]
 
     def part(self, lines: np.ndarray) -> Self:
-        """A selection of its frequencies."""
+        """A selection of the frequencies."""
         return replace(self, **{quantity: values[lines] for quantity, values in self._arrays()})
 
     def _check_size(self):
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
-                f"{self.name}: too short: {self.frequency.size} frequencies, and "
-                f"{FEWEST_FREQUENCIES} are the fewest"
+                f"{self.name}: too short: {self.frequency.size} frequencies: must be "
+                f"at least {FEWEST_FREQUENCIES}"
             )
 
     def check(self) -> None:
-        """Refuse a response with too few frequencies, one side of the resonance, or conjugated.
+        """Raise if the response is too short, covers one side of the resonance, or is conjugated.
 
         Raises
         ------
         IdentificationError
-            Too few frequencies, none on one side of the resonance, or a phase that rises.
+            Too few frequencies, none on one side of the resonance, or a rising phase.
         """
         self._check_size()
         if self.resonance in self.frequency[[0, -1]]:
             raise IdentificationError(
-                f"{self.name}: no excitation in the band that matters: the response is greatest at "
+                f"{self.name}: no excitation in the relevant band: the response is largest at "
                 f"{self.resonance:.4g} Hz, where the record ends: measure on both sides of the "
                 "resonance"
             )
@@ -153,7 +153,7 @@ class MeasuredResponse:
         if turn.sum() > RISING * np.abs(turn).sum():
             raise IdentificationError(
                 f"{self.name}: the phase rises through the resonance at {self.resonance:.4g} Hz, "
-                "and a device's falls: the response is conjugated; reverse the sign of its phase, "
+                "but a device's falls: the response is conjugated; reverse the sign of its phase, "
                 "or of its imaginary part"
             )
 
@@ -161,17 +161,17 @@ class MeasuredResponse:
 def response_of(
     columns: dict[str, np.ndarray], changes: dict[str, Any], name: str, sensors: dict[str, float]
 ) -> MeasuredResponse:
-    """A response from columns by their quantities, in the scene's units.
+    """A response from columns by quantity, in the scene's units.
 
     Raises
     ------
     SceneError
-        Neither an amplitude nor two parts are there.
+        There is neither an amplitude nor a pair of real and imaginary parts.
     """
     phase = columns.get("phase")
     if "frequency" not in columns:
         raise SceneError(
-            f"{name}: a column of complex numbers is a frequency response, and no column of "
+            f"{name}: a column of complex numbers is a frequency response, but no column of "
             "frequencies is named: write frequency [Hz] in its header, or frequency=COLUMN:UNIT "
             "after the file"
         )
@@ -179,7 +179,7 @@ def response_of(
         response = columns["response"]
         if not np.iscomplexobj(response):
             raise SceneError(
-                f"{name}: the column of the response holds no complex numbers: name it by "
+                f"{name}: the column of the response has no complex numbers: name it by "
                 "amplitude=COLUMN:UNIT, and its phase by phase=COLUMN:UNIT"
             )
     elif {"real", "imaginary"} <= set(columns):
@@ -199,14 +199,14 @@ def response_of(
 
 
 SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")
-# Other names of the columns resistance and reactance.
+# Alternative titles of the columns resistance and reactance.
 OTHER_NAMES = {"real": "resistance", "imaginary": "reactance"}
 PHASE_TITLES = ("theta", "theta z", "θ", "θz", "phi", "φ")
-# Largest phase (degrees): a passive part's is at most 90, and the analyser adds an error.
+# Maximum phase (degrees): at most 90 for a passive part, plus the analyser's error.
 LARGEST_PHASE = 95.0
-# A resistance may be negative by this share of |Z|, and by more in this share of the lines.
+# A resistance may be negative by this share of |Z|, and by more in at most this share of the lines.
 NEGATIVE_SHARE, NEGATIVE_LINES = 0.02, 0.1
-# Most points of one sweep.
+# Maximum number of points of a sweep.
 MOST_LINES = 50_000
 COLUMNS_NEEDED = (
     "|Z| [ohm] and phase [deg], or resistance [ohm] and reactance [ohm] in its header, or "
@@ -216,7 +216,7 @@ COLUMNS_NEEDED = (
 
 @dataclass(frozen=True)
 class MeasuredImpedance(MeasuredResponse):
-    """Voltage over current at the terminals, the base clamped, in SI units.
+    """Voltage over current at the terminals with clamped base, in SI units.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs that are compared with the model: logarithm of the magnitude, and phase.
+        """Outputs compared with the model: logarithm of the magnitude, and phase.
 
         Errors of both are relative errors of the impedance.
         """
@@ -240,12 +240,12 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def sensed(self) -> dict[str, np.ndarray]:
-        """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
+        """Outputs of sensors with free parameters: none, since the analyser is assumed exact."""
         return {}
 
     @property
     def assumed_noise(self) -> np.ndarray:
-        """Relative noise of both outputs that the first fit assumes."""
+        """Relative noise of both outputs assumed by the first fit."""
         return np.full(2, ASSUMED_IMPEDANCE_NOISE)
 
     def check(self) -> None:
@@ -261,7 +261,7 @@ def impedance_outputs(impedance: np.ndarray) -> dict[str, np.ndarray]:
 def read_impedance(
     file: str | Path, settings: Mapping[str, Any] | None = None
 ) -> MeasuredImpedance:
-    """An impedance from its file.
+    """Read an impedance from a file.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def read_impedance(
     Raises
     ------
     SceneError
-        A column or a unit is missing, or the column is no impedance.
+        A column or a unit is missing, or the column is not an impedance.
     """
     path, where = str(file), named(str(file))
     settings = table(settings or {}, "settings", '{"impedance": "1:ohm"}')
@@ -286,8 +286,8 @@ def read_impedance(
     measured = MeasuredFile(path, read_content(path)[0])
     if measured.table.rows > MOST_LINES:
         raise SceneError(
-            f"{where}: it has {measured.table.rows} lines, and {MOST_LINES} are the most: leave "
-            "every second one out"
+            f"{where}: it has {measured.table.rows} lines: must be at most {MOST_LINES}: remove "
+            "every second line"
         )
     frequency, values = _columns(measured, columns)
     impedance = MeasuredImpedance(frequency, values, name=plain_name(Path(path).name))
@@ -295,9 +295,9 @@ def read_impedance(
     return impedance
 
 
-def _columns(measured, given):
-    """Frequency (Hz) and Z (Ω) by the columns that a file has."""
-    columns = measured.columns(SETTINGS, given, _candidates)
+def _columns(measured, settings):
+    """Frequency (Hz) and Z (Ω) from the file's columns."""
+    columns = measured.columns(SETTINGS, settings, _candidates)
     if "frequency" not in columns:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
@@ -307,8 +307,8 @@ def _columns(measured, given):
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
     forms = [form for form in (polar, parts) if form <= set(columns)]
-    # Columns that the user named come before those found by their headings.
-    form = max(forms, key=lambda form: bool(form & set(given)), default=None)
+    # Columns named by the user take precedence over those identified by headings.
+    form = max(forms, key=lambda form: bool(form & set(settings)), default=None)
     if form is None:
         raise SceneError(
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
@@ -322,7 +322,7 @@ def _columns(measured, given):
 
 
 def _candidates(measured, quantity):
-    """Indices of the columns whose headings name a quantity, also by its other names."""
+    """Indices of the columns whose headings name a quantity, including alternative titles."""
     indices = measured.of(quantity)
     for name, usual in OTHER_NAMES.items():
         indices = indices or (measured.of(name) if usual == quantity else [])
@@ -345,8 +345,8 @@ def _values(measured, quantity, index, stated):
     return values * QUANTITIES[quantity][unit]
 
 
-def _check_phase(measured, place, values, unit):
-    """Refuse degrees that are radians, and radians that are degrees."""
+def _check_phase(measured, index, values, unit):
+    """Raise if degrees are likely radians, or radians degrees."""
     largest = float(np.abs(values).max())
     limit = math.radians(LARGEST_PHASE)
     if unit == "rad" and largest > limit:
@@ -358,29 +358,29 @@ def _check_phase(measured, place, values, unit):
         cause = "a passive part's phase within ±90 deg: the column is not the impedance's phase"
     elif unit == "deg" and largest <= limit:
         cause = (
-            "a piezo's impedance has −90 deg off its resonances: if in radians, give the unit "
+            "a piezo's phase is −90 deg off resonance: if in radians, give the unit "
             "(phase=COLUMN:rad)"
         )
     else:
         return
     raise SceneError(
-        f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, and {cause}"
+        f"{measured.where}: {measured.label(index)} is within ±{largest:.3g} {unit}, but {cause}"
     )
 
 
 def _check_passive(impedance, where):
-    """Refuse an impedance that no passive part can have."""
+    """Raise if no passive part can have this impedance."""
     if (np.abs(impedance) == 0.0).any():
-        raise SceneError(f"{where}: |Z| is 0 in some lines: leave them out, or check the column")
+        raise SceneError(f"{where}: |Z| is 0 in some lines: remove them, or check the column")
     if np.median(impedance.imag) > 0.0:
         raise SceneError(
-            f"{where}: the reactance is positive in most lines, and a piezo's is negative: the "
-            "sign of the phase or of the imaginary part is turned round, or the columns are those "
+            f"{where}: the reactance is positive in most lines, but a piezo's is negative: the "
+            "sign of the phase or of the imaginary part is reversed, or the columns are those "
             "of an admittance"
         )
     negative = impedance.real < -NEGATIVE_SHARE * np.abs(impedance)
     if np.mean(negative) > NEGATIVE_LINES:
         raise SceneError(
             f"{where}: the resistance is negative in {np.mean(negative):.0%} of the lines: a "
-            "passive part takes power in: check the columns, and the analyser's compensation"
+            "passive part absorbs power: check the columns, and the analyser's compensation"
         )

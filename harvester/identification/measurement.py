@@ -22,29 +22,28 @@ from harvester.records.quantities import IMPEDANCES, POINTS, QUANTITIES
 from harvester.records.samples import marker_remark, mended, refuse_constant, refuse_size
 from harvester.records.time_base import TimeBase, time_base
 
-# Quantities that a record's columns can hold.
+# Quantities that a record's columns may contain.
 COLUMNS = tuple(name for name in QUANTITIES if name not in (*IMPEDANCES, *POINTS))
-# Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
+# Suffix of a velocity's unit: measured in the inertial frame, not relative to the base.
 ABSOLUTE = ":absolute"
-# Setting of a key whose value is found in one record, for that record alone.
+# Setting of a key whose value is fitted to one record, for that record alone.
 FREE = "free"
-# Settings that turn a raw column into its quantity: scale · column + offset.
+# Settings that convert a raw column to its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
 
-# The fastest frequency of the motion is the one with this share of the signal's power below it.
+# The fastest frequency of the motion has this share of the signal's power below it.
 FASTEST_SHARE = 0.98
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One record, in SI units or in the units of a scaled scene.
+    """One record, in SI units or the units of a scaled scene.
 
     Attributes
     ----------
     acceleration : ndarray, shape (n,)
-        Acceleration of the base (m/s²); in a scaled scene η itself, the force per mass on the
-        mass.
+        Acceleration of the base (m/s²); in a scaled scene η, the force per mass.
     sampling_rate : float
         Hz.
     voltage, displacement, velocity : ndarray of shape (n,), or None
@@ -54,16 +53,16 @@ class Measurement:
         Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     remarks : tuple of str
-        Remarks on values that mark samples without a measurement.
+        Remarks on marker values for missing measurements.
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     velocity_is_absolute : bool
-        Whether the velocity is relative to the laboratory, as by a laser next to the shaker.
+        Whether the velocity is measured in the inertial frame, e.g. by a laser next to the shaker.
     velocity_in_volts : bool
-        Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
+        Whether the velocity sensor has a scale in V/(m/s), free or in `sensors`.
     own : tuple of str
-        Keys of the scene whose values are unknown and of this record alone, such as the constant
-        force of a base that was tilted for it. Only a validation record has such values.
+        Keys of the scene with unknown values for this record alone, such as the constant force if
+        its base was tilted. Only a validation record has such values.
     """
 
     acceleration: np.ndarray
@@ -101,7 +100,7 @@ class Measurement:
             object.__setattr__(self, "remarks", _marker_remarks(columns))
         if not self.outputs:
             raise SceneError(
-                f"{self.name}: nothing but the acceleration was measured: name a column of "
+                f"{self.name}: the acceleration alone is not enough: name a column of "
                 f"{', '.join(OUTPUTS)}"
             )
         checked_sensors(self.sensors, list(self.outputs), self.name)
@@ -112,31 +111,33 @@ class Measurement:
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """The measured outputs of the device (voltage, displacement, velocity) by their names."""
+        """The measured outputs of the device (voltage, displacement, velocity) by name."""
         return {name: getattr(self, name) for name in OUTPUTS if getattr(self, name) is not None}
 
     sensed = outputs
 
     @property
     def assumed_noise(self) -> np.ndarray:
-        """Noise of each output that the first fit assumes."""
+        """Noise of each output assumed by the first fit."""
         return np.array([ASSUMED_NOISE * np.std(values) for values in self.outputs.values()])
 
     @cached_property
     def frequencies(self) -> tuple[float, float]:
-        """Median frequency of the outputs, and their fastest (`FASTEST_SHARE`), in Hz."""
+        """Median frequency of the outputs, and their fastest frequency (`FASTEST_SHARE`), in Hz."""
         from scipy import signal
 
         rate, ends = self.sampling_rate, []
         for values in self.outputs.values():
             segment = min(values.size, max(256, values.size // 8))
             f, density = signal.welch(values, rate, nperseg=segment, detrend="linear")
-            # The floor of white noise is subtracted: it is not motion.
+            # The floor of white noise is subtracted, since it is not motion.
             density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
             total = np.cumsum(density)
             shares = total[-1] * np.array([0.5, FASTEST_SHARE])
-            places = f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
-            ends.append(places)
+            frequencies_at = (
+                f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
+            )
+            ends.append(frequencies_at)
         slowest = 1.0 / self.duration
         median, fastest = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
         return max(float(median), slowest), max(float(fastest), slowest)
@@ -148,10 +149,10 @@ class Measurement:
 
 
 def _marker_remarks(columns):
-    """A remark on each column that holds markers such as -9999 or a rail."""
+    """A remark on each column with markers such as -9999 or a saturation value."""
     remarks = {name: marker_remark(values) for name, values in columns.items()}
     return tuple(
-        f"{name}: {remark}, and taken as measured: cut the record there"
+        f"{name}: {remark}, which are used as measured values: cut the record there"
         for name, remark in remarks.items()
         if remark
     )
@@ -160,23 +161,22 @@ def _marker_remarks(columns):
 def read_measurement(
     file: str | Path, settings: Mapping[str, Any] | None = None, units: str = "SI"
 ) -> Measurement | MeasuredResponse:
-    """A record from its file; a column of frequencies makes it a frequency response.
+    """Read a record from a file; a column of frequencies makes it a frequency response.
 
     Parameters
     ----------
     file : str or Path
         CSV or other text, `.npy`, `.wav`, `.mat`.
     settings : dict of str to value, optional
-        `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
+        `acceleration`, `voltage`, `displacement`, `velocity`, `time`, for a response `frequency`,
         `amplitude` and `phase`, `real` and `imaginary`, or `response` for a column of complex
         numbers: the column's name or number from 0, with its unit after a colon ("2:mV") if its
-        heading has none; `acceleration_scale`, `acceleration_offset` and likewise for the
-        others: the quantity is scale · column + offset in that unit; `sampling_rate` (Hz); any
-        other key is one of the scene, which had this value while the record was taken. A column
-        whose heading says "voltage [mV]" or the like needs no
-        setting.
+        heading has none. `acceleration_scale`, `acceleration_offset` and likewise for the others:
+        the quantity is scale · column + offset in that unit. `sampling_rate` (Hz). Any other key is
+        a key of the scene, with its value during the record. A column with a heading such as
+        "voltage [mV]" needs no setting.
     units : str
-        Units of the scene: "SI", or "scaled", where no column has a unit.
+        Units of the scene: "SI", or "scaled", whose columns have no units.
 
     Raises
     ------
@@ -211,8 +211,8 @@ def read_measurement(
     is_response = "frequency" in chosen or "response" in chosen
     if is_response and free_keys:
         raise SceneError(
-            f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
-            "value for itself, and this is a frequency response: give the value"
+            f"{where}: {named(free_keys[0])} = free: only a time record can have a free "
+            "value, but this is a frequency response: give the value"
         )
     if not is_response and "acceleration" not in chosen:
         raise SceneError(
@@ -226,7 +226,7 @@ def read_measurement(
         rate = rate if times is None else None
         base = time_base(times, rate, where, "correct it, or cut the record there")
     columns = dict(zip(chosen, measured.take(indices), strict=True))
-    # Markers are found in the numbers of the file, before units and scales.
+    # Markers are detected in the file's numbers, before units and scales are applied.
     remarks = _marker_remarks({k: v for k, v in columns.items() if k in ("acceleration", *OUTPUTS)})
     for name, values in columns.items():
         factor = QUANTITIES[name][unit_of[name]] if unit_of[name] else 1.0
@@ -249,16 +249,15 @@ def read_measurement(
 
 
 def _plainest(measured, quantity):
-    """Indices of the columns whose headings name a quantity: the plainest title goes first."""
+    """Indices of the columns whose headings name a quantity, the plainest title first."""
     indices = measured.of(quantity)
     titles = [measured.headings[index].title.lower() for index in indices]
     return indices[titles.index(quantity) :][:1] if quantity in titles else indices
 
 
-def _taken_absolute(where, given):
-    """Whether a velocity's setting ends in `:absolute` (not relative to the base); the word
-    is removed."""
-    text = given.get("velocity", "")
+def _taken_absolute(where, settings):
+    """Remove `:absolute` from a velocity's setting; return whether it was there."""
+    text = settings.get("velocity", "")
     before, _, word = text.rpartition(":")
     if before.rpartition(":")[2] not in QUANTITIES["velocity"] or ":" not in before:
         return False
@@ -267,7 +266,7 @@ def _taken_absolute(where, given):
             f"{where}: velocity = {shown(text)}: after the unit comes absolute (to the ground) or "
             "nothing (relative to the base)"
         )
-    given["velocity"] = before
+    settings["velocity"] = before
     return True
 
 

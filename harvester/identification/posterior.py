@@ -1,8 +1,8 @@
-"""The posterior of a fit's values by Markov chains: flat priors within the bounds.
+"""Sample the posterior of a fit's values by Markov chains, with flat priors within the bounds.
 
-Residuals are assumed independent and normal, as large as the fit left them; the windows' starts
-are eliminated to first order. An ensemble of walkers that is invariant under linear changes of the
-values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)), by emcee.
+Residuals are assumed independent and normal, with the variance of the fit; the windows' starts are
+eliminated to first order. The sampler is emcee's ensemble of walkers, which is invariant under
+linear changes of the values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
 
 WALKERS_PER_VALUE = 4
-# Steps between two checks of convergence, and most steps; the first part of a chain is left out.
+# Steps between two checks of convergence, and maximum number; the first part is discarded.
 STEPS, MOST_STEPS = 100, 1500
 LEFT_OUT = 0.25
-# A chain is long enough for its quantiles after this many correlation times.
+# A chain is long enough for its quantiles after this number of correlation times.
 ENOUGH_TIMES = 30.0
-# Ends of a 95 % interval.
+# Quantiles of a 95 % interval.
 QUANTILES = (0.025, 0.975)
 
 
@@ -40,7 +40,7 @@ class Posterior:
     independent : float
         Effective number of independent draws.
     accepted : float
-        Share of the proposed moves.
+        Share of the proposed moves that were accepted.
     """
 
     keys: list[str]
@@ -68,14 +68,14 @@ class Posterior:
 
 
 def posterior(
-    found: Fitted, seed: int = 0, follow: Callable[[float], object] | None = None
+    fitted: Fitted, seed: int = 0, follow: Callable[[float], object] | None = None
 ) -> Posterior:
     """Sample the posterior of a fit.
 
     Parameters
     ----------
     follow : callable, optional
-        Function of the share done.
+        Function of the completed share.
 
     Raises
     ------
@@ -83,13 +83,16 @@ def posterior(
         emcee is not installed.
     """
     emcee = optional_library("emcee", "--posterior", "posterior")
-    values, errors = found.values, np.maximum(found.standard_errors, 1e-12 * np.abs(found.values))
+    values, errors = (
+        fitted.values,
+        np.maximum(fitted.standard_errors, 1e-12 * np.abs(fitted.values)),
+    )
     walkers, size = WALKERS_PER_VALUE * values.size, values.size
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    root = np.linalg.cholesky(found.covariance / np.outer(errors, errors) + 1e-9 * np.eye(size))
+    root = np.linalg.cholesky(fitted.covariance / np.outer(errors, errors) + 1e-9 * np.eye(size))
     begun = values + errors * (rng.standard_normal((walkers, size)) @ root.T)
-    begun = np.clip(begun, found.shooting.low, found.shooting.high)
-    sampler = emcee.EnsembleSampler(walkers, size, log_density(found))
+    begun = np.clip(begun, fitted.shooting.low, fitted.shooting.high)
+    sampler = emcee.EnsembleSampler(walkers, size, log_density(fitted))
     state = emcee.State(
         begun, random_state=np.random.RandomState(rng.integers(2**32)).get_state(legacy=True)
     )
@@ -103,19 +106,21 @@ def posterior(
     draws = sampler.get_chain(discard=int(LEFT_OUT * done), flat=True)
     independent = float(draws.shape[0] / np.max(times))
     accepted = float(np.mean(sampler.acceptance_fraction))
-    return Posterior(found.keys, draws, independent, accepted)
+    return Posterior(fitted.keys, draws, independent, accepted)
 
 
-def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
-    """Logarithm of the posterior's density, up to a constant, as a function of the values."""
-    shooting, fit = found.shooting, found.fit
+def log_density(fitted: Fitted) -> Callable[[np.ndarray], float]:
+    """Return the logarithm of the posterior's density, up to a constant, as a function of the
+    values.
+    """
+    shooting, fit = fitted.shooting, fitted.fit
     shooting.linearized(fit)
-    bases, free = [], -len(found.keys)
+    bases, free = [], -len(fitted.keys)
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
         existing = shooting.states_there[number]
         free += table[..., 0].size - int(existing.sum()) * (edges.size - 1)
-        columns = table[..., len(found.keys) : -1][..., existing]
+        columns = table[..., len(fitted.keys) : -1][..., existing]
         cuts = edges - edges[0]
         parts = [np.concatenate(columns[a:b]) for a, b in pairwise(cuts)]
         bases.append([np.linalg.qr(part)[0] for part in parts])

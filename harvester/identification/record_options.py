@@ -1,4 +1,4 @@
-"""The options of `identify` that name measured files with their settings."""
+"""Options of `identify` that name measured files with their settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harvester.base.signatures import Kind, pair_of
 
 
 def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings: words with = belong to the file before them."""
+    """Parse files with their settings: words with = belong to the preceding file."""
     files: list[tuple[str, dict[str, Any]]] = []
     for word in words:
         if not files or "=" not in word:
@@ -24,7 +24,7 @@ def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
         name, value = pair_of(str)(word)
         if not name:
             raise ValueError(word)
-        # Keys of the scene take numbers, columns any name.
+        # Keys of the scene take numbers, columns take names.
         settings = files[-1][1]
         settings[name] = value
         with contextlib.suppress(ValueError):
@@ -37,25 +37,27 @@ def together(lists: list[list[Any]], option: str) -> list[Any]:
 
 
 def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str, Any]]]:
-    """Files with their settings, all of them different."""
+    """Files with their settings; raise HarvesterError if one is given twice."""
     seen: list[tuple[str, dict[str, Any]]] = []
     for file, settings in together(lists, option):
-        # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
-        one = (os.path.realpath(file), settings)
-        if one in seen:
+        # A file may have several names, such as shaker.csv, ./shaker.csv and a link.
+        record = (os.path.realpath(file), settings)
+        if record in seen:
             raise HarvesterError(
-                f"{option} {named(file)}: is given twice with the same settings, and each record "
-                "counts once: leave one out"
+                f"{option} {named(file)}: is given twice with the same settings, but each record "
+                "counts once: remove one"
             )
-        seen.append(one)
+        seen.append(record)
     return together(lists, option)
 
 
 def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
-    """One file with its settings."""
-    record, *others = together(lists, option)
-    if others:
-        raise HarvesterError(f"{option} {named(others[0][0])}: one file is read, with NAME=VALUE")
+    """One file with its settings; raise HarvesterError if there are several."""
+    record, *further = together(lists, option)
+    if further:
+        raise HarvesterError(
+            f"{option} {named(further[0][0])}: give only one file, with NAME=VALUE"
+        )
     return record
 
 

@@ -1,4 +1,4 @@
-"""Simulated sensor signals of a device with given values, window by window.
+"""Simulate a device's sensor signals for given values, window by window.
 
     values ─→ device ─┐
     measured base acceleration ─→ integrator ─→ x, x', v at the samples ─→ sensors ─→ signals
@@ -56,32 +56,32 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Steps in a period of the fastest motion, in the search and in the last fit: the phase of the
-# Runge–Kutta method is right to 1e-4 and to 1e-6.
+# Steps per period of the fastest motion, in the search and in the last fit: the phase error of the
+# Runge–Kutta method is 1e-4 and 1e-6.
 COARSE_STEPS, FINE_STEPS = 24, 80
-# Interpolations of the acceleration between samples: straight lines, or a spline.
+# Interpolations of the acceleration between samples: linear, or a spline.
 INTERPOLATIONS = ("linear", "smooth")
-# Secant steps for the displacement's amplitude.
+# Number of secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
-# One pool for all calls: starting threads takes as long as a short simulation. The threads start
-# with the first call.
+# One pool for all calls, since starting threads takes as long as a short simulation. The threads
+# start with the first call.
 _THREADS = ThreadPoolExecutor(os.cpu_count())
-# Start of the one window of a response, whose samples have no states.
+# Start of a response's single window, whose samples have no states.
 NO_STATES = np.zeros((1, 3))
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A measurement with the scene it belongs to, ready to be simulated.
+    """A measurement with its scene, prepared for simulation.
 
     Attributes
     ----------
     scene : Scene
-        The scene with the record's own changes.
+        The scene with the record's changes.
     steps : int
-        Between two samples.
+        Number of steps between two samples.
     acceleration : dict of str to ndarray
-        Base acceleration at the steps, by the name of the interpolation.
+        Base acceleration at the steps, by name of the interpolation.
     """
 
     measurement: Measurement
@@ -91,16 +91,16 @@ class Experiment:
 
     @property
     def samples(self) -> int:
-        """Number of samples of the whole record."""
+        """Number of samples in the whole record."""
         return self.measurement.acceleration.size
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral of a column, at a number of positions between samples."""
+        """First and second integral of a column, at `steps` positions per sample."""
         cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
         if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
-            places = np.arange(steps * (samples.size - 1) + 1) / steps
-            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+            positions = np.arange(steps * (samples.size - 1) + 1) / steps
+            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, positions)
         return cache[quantity, steps]
 
 
@@ -115,30 +115,30 @@ class SteadyExperiment:
 def experiment(
     scene: Scene, measurement: Measurement | MeasuredResponse, per_period: int = FINE_STEPS
 ) -> Any:
-    """Prepare a measurement for simulation with this many steps in the motion's fastest period."""
+    """Prepare a measurement for simulation with this number of steps in its fastest period."""
     changed = scene.replace(measurement.changes)
     if isinstance(measurement, MeasuredResponse):
         return SteadyExperiment(measurement, changed)
     rate = measurement.sampling_rate
-    # At least two steps between samples, because a smooth path needs points there.
+    # At least two steps between samples, since a smooth path needs intermediate points.
     steps = max(2, math.ceil(per_period * measurement.frequencies[1] / rate - 1e-9))
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
 
 
 def _path(samples, steps, interpolation):
-    """Acceleration at the steps, of one record or of several, shape (n, records)."""
+    """Acceleration at the steps, for one record or several, shape (n, records)."""
     if interpolation == "smooth":
         return smoothed(samples, steps)
     indices = np.arange(len(samples))
-    places = np.arange(steps * (len(samples) - 1) + 1) / steps
-    return np.apply_along_axis(lambda series: np.interp(places, indices, series), 0, samples)
+    positions = np.arange(steps * (len(samples) - 1) + 1) / steps
+    return np.apply_along_axis(lambda series: np.interp(positions, indices, series), 0, samples)
 
 
 def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each item, by as many threads as there are processors.
+    """Call a function for each item, in as many threads as there are processors.
 
-    The integrator is free of Python's lock. The function must not call this one.
+    The integrator releases Python's global lock. The function must not call this one.
     """
     return list(_THREADS.map(function, items))
 
@@ -151,7 +151,7 @@ class Responses:
     keys : sequence of str
         Keys of the unknowns, in the order of their values.
     length : float
-        Unit of the states' displacement, in the scene's units: the same for all trial values.
+        Displacement unit of the states, in the scene's units: the same for all trial values.
     interpolation : str
         A name in `INTERPOLATIONS`.
     """
@@ -167,7 +167,7 @@ class Responses:
         self.interpolation, self.length = interpolation, length
 
     def replaced(self, experiments: Sequence[Any], keys: Sequence[str]) -> Responses:
-        """Responses of other experiments or of other unknowns."""
+        """Responses of other experiments, or for other unknowns."""
         other = copy(self)
         other.experiments, other.keys = list(experiments), list(keys)
         return other
@@ -179,7 +179,7 @@ class Responses:
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """States at samples, states after each window, and the outputs, of one experiment.
+        """States at samples, states after each window, and outputs, for one experiment.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Responses:
         Returns
         -------
         ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
-            None instead of each where the scene refuses the values.
+            None instead of each if the values are invalid in the scene.
         """
         return self.at(number, values).states(edges, starts)
 
@@ -202,13 +202,13 @@ class Responses:
         edges: np.ndarray,
         starts: np.ndarray,
     ) -> np.ndarray:
-        """Changes of one record's outputs that noise of the base's sensor causes.
+        """Changes of one record's outputs caused by noise of the base's sensor.
 
         Parameters
         ----------
         noise : ndarray, shape (n, draws)
         values, edges, starts
-            As of `states`.
+            As in `states`.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class Trial:
     Parameters
     ----------
     known : dict of str to float
-        Values of the unknowns by their keys.
+        Values of the unknowns by key.
     """
 
     def __init__(self, responses: Responses, number: int, known: dict[str, float]) -> None:
@@ -250,17 +250,17 @@ class Trial:
         self.interpolation, self.length = responses.interpolation, responses.length
         self.known = known
         factors = ((factor_of(key), value) for key, value in known.items())
-        # Factors of values that this experiment has as known, by their keys.
+        # Factors of this experiment's assumed values, by key.
         self.factors = {of[0]: value for of, value in factors if of and number in of[1]}
 
     @cached_property
     def device(self) -> tuple[System, Scales] | None:
-        """Scaled equations; None where the scene refuses the values."""
-        others = {"length_scale": self.length} if self.scene.units == "SI" else {}
+        """Scaled equations; None if the values are invalid in the scene."""
+        further = {"length_scale": self.length} if self.scene.units == "SI" else {}
         for key, factor in self.factors.items():
             if not key.startswith("sensor."):
-                others[key] = factor * numbers(self.scene)[key][0]
-        changed = with_values(self.scene, [*self.known], self.known.values(), others)
+                further[key] = factor * numbers(self.scene)[key][0]
+        changed = with_values(self.scene, [*self.known], self.known.values(), further)
         if changed is None:
             return None
         probe = self.sensor("sensor.voltage_resistance")
@@ -272,37 +272,37 @@ class Trial:
             system, scales = prepared_scene.system, prepared_scene.scales
         except (HarvesterError, ArithmeticError, ValueError):
             return None
-        # One compiled integrator serves all candidates: all powers of the spring up to the third
-        # or seventh, and drag.
+        # One compiled integrator is used for all candidates: it has all powers of the spring up to
+        # the third or seventh, and drag.
         drag = getattr(system.damper, "quadratic_damping", 0.0)
         damper = QuadraticDamper(system.damper.damping, drag)
         return system._replace(spring=_padded(system.spring), damper=damper), scales
 
     @property
     def known_device(self) -> tuple[System, Scales]:
-        """Scaled equations at values that the scene must accept.
+        """Scaled equations, for values that are known to be valid.
 
         Raises
         ------
         IdentificationError
-            The scene refuses the values.
+            The values are invalid in the scene.
         """
         if self.device is None:
             raise IdentificationError(
-                "the fit reached values that the scene refuses: check the columns' units and "
-                "signs, free fewer (--free), or begin nearer (--set)"
+                "the fit reached values that are invalid in the scene: check the columns' units "
+                "and signs, free fewer (--free), or start from closer values (--set)"
             )
         return self.device
 
     def sensor(self, key: str) -> float:
-        """A sensor's effect: free, or as given for this record."""
+        """A sensor's parameter: free, or as given for this record."""
         if key in self.known:
             return self.known[key]
-        given = self.measurement.sensors.get(key, neutral(key))
-        return given * self.factors.get(key, 1.0)
+        default = self.measurement.sensors.get(key, neutral(key))
+        return default * self.factors.get(key, 1.0)
 
     def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:
-        """States at samples, states after each window, and the outputs: `Responses.states`."""
+        """States at samples, states after each window, and outputs, as `Responses.states`."""
         if self.device is None:
             return None, None, None
         system, scales = self.device
@@ -324,11 +324,11 @@ class Trial:
 
     @property
     def base_factor(self) -> float:
-        """Base factor of the device: drive per base acceleration."""
+        """Base factor of the device: drive divided by base acceleration."""
         return self.known.get(BASE_FACTOR, self.scene.oscillator.base_factor)
 
     def _base(self, path, steps):
-        """True base acceleration from the path that its sensor showed."""
+        """True base acceleration, from the signal of its sensor."""
         corners = self._corners("acceleration")
         if any(corners):
             integral = self.experiment.integrals("acceleration", steps)
@@ -343,13 +343,14 @@ class Trial:
         return sign * integrals(base, self.measurement.sampling_rate, np.arange(base.size))[0]
 
     def _corners(self, quantity):
-        """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
+        """Corner frequencies (Hz) of a sensor's high-passes of first and second order."""
         return [self.sensor(f"sensor.{quantity}_{effect}") for effect in HIGHPASSES]
 
     @property
     def shown(self) -> Measurement:
         """The record with the sensors' effects removed from its outputs, except delays and
-        low-passes."""
+        low-passes.
+        """
         true_outputs = {}
         for name, seen in self.measurement.outputs.items():
             true, corners = seen, self._corners(name)
@@ -362,14 +363,14 @@ class Trial:
                 true = true - self._base_velocity()
             true_outputs[name] = true
         if VELOCITY_SCALE in self.known and len(true_outputs) > 1:
-            # A velocity of unknown scale is left out where other channels show the motion.
+            # A velocity of unknown scale is omitted if other channels show the motion.
             true_outputs["velocity"] = None
         return replace(self.measurement, **true_outputs)
 
     def velocity_scale(self, velocity: np.ndarray) -> float | None:
         """Scale of the velocity's sensor that fits its record to a motion (least squares).
 
-        None where the record has none.
+        Returns None if the record has no velocity.
 
         Parameters
         ----------
@@ -384,7 +385,7 @@ class Trial:
         return float(self.measurement.velocity @ true) / float(true @ true)
 
     def _outputs(self, system, scales, states, edges):
-        """Simulated sensor signals from the device's states, shape (samples, outputs)."""
+        """Simulated sensor signals for the device's states, shape (samples, outputs)."""
         x, v, e = states.T
         signals = {
             "voltage": device.terminal_voltage(system.transducer, v, e) * scales.voltage,
@@ -423,7 +424,7 @@ class Trial:
         return np.abs(response)[:, None]
 
     def _impedance(self, system):
-        """ln |Z| and phase with the base clamped."""
+        """ln |Z| and phase with clamped base."""
         rate = 2j * math.pi * self.measurement.frequency
         linear = float(system.spring.slope(timescales.rest(system)))
         mechanical = linear + system.damper.damping * rate + rate**2
@@ -441,12 +442,11 @@ class Trial:
         """Complex voltage per base acceleration, before the sensors' effects."""
         measured, transducer = self.measurement, system.transducer
         rate = 2j * math.pi * measured.frequency
-        # These three belong to a unit of displacement: the state, the force on the mass, the
-        # voltage.
+        # State, force on the mass and voltage for one unit of displacement.
         state = rate / (rate + transducer.decay_rate())
         force = transducer.force(rate, state)
         volts = device.terminal_voltage(transducer, rate, state) * scales.voltage
-        # Stiffness where the device rests, and its slope over the squared amplitude.
+        # Stiffness at rest, and its derivative with respect to the squared amplitude.
         stiffness, square, cube = system.spring.taylor(timescales.rest(system))
         slope = 0.75 * cube - (5.0 / 6.0 * square**2 / stiffness if stiffness > 0.0 else 0.0)
         drag = 8.0 / (3.0 * math.pi) * system.damper.quadratic_damping * np.abs(rate)
@@ -463,13 +463,13 @@ class Trial:
             amplitude = _amplitude(impedance, drive, voltage / np.abs(volts))
         sign = -1.0 if self.scene.units == "SI" else 1.0
         moved = impedance(amplitude)
-        # The base drives the state as X does, by the share of η; the part of the force that stems
-        # from it is subtracted.
+        # The base drives the state as X does, in proportion to η; the corresponding part of the
+        # force is subtracted.
         driven = (1.0 + transducer.base_rate(1.0) * (moved - force)) / moved
         return self.base_factor * sign * volts * driven / self.length
 
     def _gain_of_sensors(self):
-        """The sensors' gain (complex) at each frequency."""
+        """The sensors' complex gain at each frequency."""
         frequency = self.measurement.frequency
         rate = 2j * math.pi * frequency
         gain = self.sensor("sensor.voltage_scale") / self.sensor(BASE_SCALE)
@@ -487,12 +487,12 @@ def _delayed(values, samples):
         return values
     from scipy.interpolate import CubicSpline
 
-    places = np.arange(values.size)
+    positions = np.arange(values.size)
     if values.size < 4 or not np.isfinite(values).all():
-        return np.interp(places - samples, places, values)
-    moved = places - samples
+        return np.interp(positions - samples, positions, values)
+    moved = positions - samples
     inside = np.clip(moved, 0.0, values.size - 1.0)
-    spline = CubicSpline(places, values)
+    spline = CubicSpline(positions, values)
     return spline(inside) + (moved - inside) * spline(inside, 1)
 
 
@@ -511,7 +511,7 @@ def _padded(spring: Spring) -> Spring:
 
 
 def _amplitude(impedance, drive, begun):
-    """a with |impedance(a)| a = drive, on the branch that is nearest to where it begins."""
+    """Solve |impedance(a)| a = drive for a, on the branch nearest to the initial value."""
     amplitude = begun
     for _ in range(AMPLITUDE_STEPS):
         step = 1e-6 * amplitude

@@ -1,9 +1,9 @@
-"""Rival models: the scene's own with one part more, with one part less, or with another column.
+"""Rival models: the scene's model with one part added or removed, or with another column.
 
-Whether a further part explains something of the residuals is seen to first order about the fit, by
-a regression of the residuals on the part's effect (a score test). That regression also gives the
-values at which the rival's fit begins. Parts are fitted in the order of their expected gain, until
-one leaves only noise and no other promises nearly as much.
+A regression of the residuals on a part's effect shows, to first order about the fit, whether the
+part explains some of them (a score test). It also gives the initial values for the rival's fit.
+Parts are fitted in the order of their expected gain, until one leaves only noise and no other
+promises nearly as much.
 """
 
 from __future__ import annotations
@@ -42,47 +42,48 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# A trial pair of stoppers begins at this share of the greatest displacement, with this share of the
-# stiffness that counts as one (`sizes_of`).
+# A trial pair of stoppers starts at this share of the largest displacement, with this share of the
+# typical stiffness (`sizes_of`).
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
 HIGHEST_POWER = 7
-# A spring that may soften is defined out to this multiple of the greatest displacement.
+# A spring that may soften is defined up to this multiple of the largest displacement.
 SOFT_RANGE = 1.25
-# A part is fitted if it promises to lower the cost by this share; at most this number of parts is,
-# and none after one that leaves only noise if it promises less than this share of the most
-# promising.
+# A part is fitted if the expected decrease of the cost exceeds this share. At most MOST_FITTED
+# parts are fitted, and after one that leaves only noise only those with at least NEARLY_AS_MUCH of
+# the largest expected decrease.
 PROMISING, MOST_FITTED, NEARLY_AS_MUCH = 0.02, 6, 0.5
-# Shares of the regression's step from which the lowest cost is taken.
+# Shares of the regression's step that are tried; the one with the lowest cost is used.
 STEPS = (1.0, 0.3, 0.1, 0.03)
-# A fitted value has moved if it differs from its first one by this share of its size.
+# A fitted value has changed if it differs from its initial value by this share of its size.
 MOVED = 1e-4
-# Once the next power is free too, a spring's value is uncertain if half of its 95 % interval
-# exceeds this share of the value. Measured shares: right models had 0.003 under noise and 0.02 to 5
-# under three sines. Cubic models of softening springs under three sines, with errors of 0.02, 0.05,
-# 0.05 and 0.16, had 0.06, 0.16, 1.2 and 0.38.
+# With the next power also free, a spring's value is uncertain if half of its 95 % interval exceeds
+# this share of the value. Measured shares: 0.003 for right models under noise, and 0.02 to 5 under
+# three sines. Cubic models of softening springs under three sines had errors of 0.02, 0.05, 0.05
+# and 0.16, and shares of 0.06, 0.16, 1.2 and 0.38.
 UNCERTAIN = 0.1
-# A mean is an offset if it exceeds this number of standard errors and share of the deviation.
+# A mean is an offset if it exceeds this number of standard errors, and this share of the standard
+# deviation.
 OFFSET_ERRORS, LEAST_OFFSET = 3.0, 0.01
 
 
 class Rival(NamedTuple):
-    """A model that is compared with the scene's own.
+    """A model that is compared with the scene's.
 
     Attributes
     ----------
     name : str
         Difference from the scene's model, such as "drag"; "as given" for the scene's.
     fitted : Fitted or None
-        None where it was not tried.
+        None if the model was not fitted.
     better : float
-        Logarithm of the mean square error on the validation data over the scene's model's,
-        on average over blocks; negative: better.
+        Mean over blocks of ln(mean square error of this model/that of the scene's model) on the
+        validation data; negative: better.
     error : float
-        Standard error of that.
+        Standard error of `better`.
     explains : bool
-        Whether it leaves only the sensors' noise of every record.
+        Whether its residuals are only the sensors' noise, for every record.
     remark : str
-        Why it was not tried.
+        Reason why it was not fitted.
     """
 
     name: str
@@ -94,12 +95,12 @@ class Rival(NamedTuple):
 
     @property
     def is_better(self) -> bool:
-        """Whether this model predicts significantly better than the scene's own."""
+        """Whether this model predicts significantly better than the scene's."""
         return self.better < -SURE * self.error and self.better < -2.0 * NOTED
 
     @property
     def is_as_good(self) -> bool:
-        """Whether this model predicts no worse, within two standard errors or the share `NOTED`."""
+        """Whether this model is not worse, within two standard errors or the share `NOTED`."""
         return self.better < max(2.0 * self.error, 2.0 * NOTED)
 
 
@@ -109,14 +110,14 @@ class NextPower(NamedTuple):
     Attributes
     ----------
     power : int
-        The next odd one.
+        The next odd power.
     significance : float
         Its coefficient in standard errors, by a score test.
     moves : dict of str to float
-        Change of each of the spring's values by the next power, as a share of the value.
+        Relative change of each of the spring's values due to the next power.
     halves : dict of str to float
-        Half of the 95 % interval of each value beyond the linear one with the next power free, as
-        a share of the value.
+        Relative half width of the 95 % interval of each value except the linear one, with the next
+        power free.
     """
 
     power: int
@@ -143,16 +144,16 @@ def rival_models(
     keys: Sequence[str],
     report: Callable[[str], object],
 ) -> list[Rival]:
-    """The scene's own model first, then its rivals.
+    """The scene's model, then its rivals.
 
     Parameters
     ----------
     start : Scene
         The scene before the fit.
     keys : sequence of str
-        Keys that were to be fitted: a wrong model may have left some of them open.
+        Requested keys: a wrong model may leave some of them undetermined.
     report : callable
-        Called with the name of each rival before it is fitted.
+        Called with the name of each rival before its fit.
     """
     base = own.fitted
     models = [own]
@@ -162,7 +163,7 @@ def rival_models(
     models += _further(base, _parts(base, measurements), measurements, report)
     if own.explains or any(model.explains and model.is_better for model in models):
         return models
-    # Large differences, to which no fit leads that begins at the wrong model: the simplest first.
+    # Large differences, which a fit from the wrong model does not reach: the simplest first.
     further: list[tuple[str, Scene, Any, Any]] = []
     if not isinstance(measurements[0], MeasuredResponse):
         further += [(name, start, records, keys) for name, records in turned(measurements)]
@@ -181,7 +182,7 @@ def rival_models(
 
 
 def _tried(name, base, scene, measurements, keys, warm):
-    """The rival, or why it cannot be fitted."""
+    """Fit a rival, or give the reason why it cannot be fitted."""
     if not keys:
         return Rival(name, None, remark="not tried: none of its values is free")
     try:
@@ -192,9 +193,9 @@ def _tried(name, base, scene, measurements, keys, warm):
 
 
 def _compared(name, base, other):
-    """A fitted model compared with the scene's, by the ratio of their mean square errors in blocks.
+    """Compare a fitted model with the scene's, by the ratio of their mean square errors in blocks.
 
-    All outputs count, each in units of the own model's rms residual.
+    All outputs count, in units of the rms residual of the scene's model.
     """
     ratios: list[float] = []
     for mine, theirs in zip(base.records, other.records, strict=True):
@@ -209,13 +210,14 @@ def _compared(name, base, other):
 
 
 def proposed(models: Sequence[Rival]) -> Rival:
-    """The simplest that predicts as well as the best of those that leave only noise."""
+    """The simplest model that predicts as well as the best model whose residuals are noise."""
     return min(_of_the_best(models), key=lambda model: (len(model.fitted.keys), model.better))
 
 
 def undecided(models: Sequence[Rival]) -> list[Rival]:
-    """Models as simple as the proposed one that predict as well: the records cannot decide
-    between them."""
+    """Models as simple as the proposed one that predict equally well, so that the records cannot
+    decide.
+    """
     best = proposed(models)
     return [
         model
@@ -228,9 +230,11 @@ def _of_the_best(models):
     """Models that predict as well as the best, within two standard errors or `NOTED`."""
     better = [model for model in models if model.is_better and model.explains]
     if not better:
-        own, *others = [model for model in models if model.fitted and not model.is_better]
-        simpler = [model for model in others if len(model.fitted.keys) < len(own.fitted.keys)]
-        return [own, *(model for model in simpler if model.is_as_good)]
+        scene_model, *rivals = [model for model in models if model.fitted and not model.is_better]
+        simpler = [
+            model for model in rivals if len(model.fitted.keys) < len(scene_model.fitted.keys)
+        ]
+        return [scene_model, *(model for model in simpler if model.is_as_good)]
     best = min(better, key=lambda model: model.better)
     return [
         model
@@ -240,7 +244,7 @@ def _of_the_best(models):
 
 
 def _coefficients(scene):
-    """Coefficients of the spring; none of a table."""
+    """Coefficients of the spring; empty for a table."""
     return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
@@ -249,7 +253,7 @@ def _degree(force):
 
 
 def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, list[str]]]:
-    """Name, scene and keys of each model with a part less."""
+    """Yield name, scene and keys of each model with one part less."""
     force = _coefficients(scene)
     degree = _degree(force)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
@@ -280,7 +284,7 @@ def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, li
 def _structures(
     scene: Scene, keys: Sequence[str], sizes: dict[str, float]
 ) -> Iterator[tuple[str, Scene, list[str]]]:
-    """Name, scene and keys of each model that is fitted from scratch."""
+    """Yield name, scene and keys of each model that is fitted from the beginning."""
     force = _coefficients(scene)
     springs = [
         (*_next_powers(scene), 1.0),
@@ -313,7 +317,7 @@ def _structures(
 
 
 def _next_powers(scene):
-    """Name and powers of the spring's next odd power, and of the even one below if it has any."""
+    """Name and powers of the spring's next odd power, and of the even power below it if present."""
     force = _coefficients(scene)
     degree = _degree(force)
     if not 1 <= degree <= HIGHEST_POWER - 2:
@@ -325,7 +329,7 @@ def _next_powers(scene):
 
 
 def _parts(base, measurements):
-    """Name and further keys of each part that the model may have in addition."""
+    """Yield name and keys of each part that can be added to the model."""
     springs, force = [_next_powers(base.scene)], _coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
         springs.append(("asymmetric spring", [2]))
@@ -342,8 +346,8 @@ def _parts(base, measurements):
         *[("AC-coupled voltage", ["sensor.voltage_highpass"])] * ("voltage" in outputs),
         *((f"gain of the {name}", [f"sensor.{name}_scale"]) for name in ("acceleration", *outputs)),
     ]
-    taken = {*base.keys, *(key for record in measurements for key in record.sensors)}
-    parts += [(name, keys) for name, keys in effects if not {*keys} & taken]
+    used = {*base.keys, *(key for record in measurements for key in record.sensors)}
+    parts += [(name, keys) for name, keys in effects if not {*keys} & used]
     if LOAD in numbers(base.scene) and LOAD not in base.keys and "voltage" in outputs:
         parts += [
             (f"load of {record.name}", [factor_key(LOAD, [number])])
@@ -354,7 +358,7 @@ def _parts(base, measurements):
 
 
 def _further(base, parts, measurements, report):
-    """Rivals with a further part, in the order of their expected gain."""
+    """Rivals with an added part, in the order of their expected gain."""
     if not parts:
         return []
     keys = list(dict.fromkeys(key for _, further in parts for key in further))
@@ -376,9 +380,11 @@ def _further(base, parts, measurements, report):
     models, enough = [], False
     for number, (promise, (name, further), step) in enumerate(promises):
         if promise < PROMISING:
-            remark = "not tried: it explains nothing of the residuals"
+            remark = "not tried: it explains no part of the residuals"
         elif number >= MOST_FITTED or (enough and promise < NEARLY_AS_MUCH * promises[0][0]):
-            remark = f"not tried: it promises less, {promise:.0%} of the residuals' square"
+            remark = (
+                f"not tried: its expected gain is smaller, {promise:.0%} of the residuals' square"
+            )
         else:
             report(name)
             models.append(_with_part(base, name, further, measurements, step))
@@ -388,15 +394,15 @@ def _further(base, parts, measurements, report):
     return models
 
 
-def _promised(equations, places):
-    """Expected decrease of the cost by a step in some unknowns, and that step in sizes."""
-    some = equations.of(list(places))
+def _promised(equations, indices):
+    """Expected decrease of the cost by a step in some unknowns, and this step in sizes."""
+    some = equations.of(list(indices))
     step = some.step
     return float(-some.gradient @ step), step
 
 
 def _with_part(base, name, further, measurements, step):
-    """The rival with a part, fitted from where the regression leads."""
+    """The rival with an added part, fitted from the regression's values."""
     shooting, fit, scene = base.extended(further)
     if not shooting.linearized(fit):
         return Rival(name, None, remark="not tried: the device diverges")
@@ -408,17 +414,17 @@ def _with_part(base, name, further, measurements, step):
         trials.append((shooting.cost(trial), trial))
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
-        return Rival(name, None, remark="not tried: no step towards it lowers the residuals")
+        return Rival(name, None, remark="not tried: no step towards it reduces the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
     keys, count = shooting.responses.keys, len(base.keys)
     begun_scene = with_values(scene, further, begun.values[count:])
     if begun_scene is None:
-        return Rival(name, None, remark="no fit: the scene refuses its values")
+        return Rival(name, None, remark="no fit: its values are invalid in the scene")
     model = _tried(name, base, begun_scene, measurements, keys, warm)
     if model.fitted is not None:
         moved = np.abs(model.fitted.values[count:] - fit.values[count:])
         if (moved < MOVED * shooting.sizes[count:]).all():
-            return Rival(name, None, remark="not tried: its values did not move")
+            return Rival(name, None, remark="not tried: its values did not change")
         if of := factor_of(further[0]):
             stated = numbers(shooting.responses.experiments[of[1][0]].scene)[LOAD][0]
             other = stated * model.fitted.values[-1]
@@ -427,10 +433,10 @@ def _with_part(base, name, further, measurements, step):
 
 
 def next_power(base: Fitted) -> NextPower | None:
-    """The model compared with one with the spring's next power; None if there is none.
+    """Compare the model with one with the spring's next power; None if there is none.
 
-    A few sines of nearly one amplitude show the force at that amplitude, which many springs have:
-    the values' errors with the next power free say whether the records could exclude it.
+    A few sines of similar amplitude show the force at that amplitude, which many springs share. The
+    values' errors with the next power free tell whether the records could exclude it.
     """
     _, powers = _next_powers(base.scene)
     if base.settled is None or not powers:
@@ -452,12 +458,11 @@ def next_power(base: Fitted) -> NextPower | None:
 
 
 def turned(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Measurement]]]:
-    """Name and records, whose columns mean something else: without an offset, another sign or
-    frame."""
+    """Yield name and records with reinterpreted columns: other offset, sign or reference frame."""
     outputs = list(measurements[0].sensed)
     yield from _without_mean(measurements, "voltage")
     yield from _without_mean(measurements, "velocity")
-    # With one channel one sign is enough: the other gives the mirrored device.
+    # With a single channel one sign is enough, since the other gives the mirrored device.
     turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
     turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
     for name in turnable:
@@ -465,15 +470,15 @@ def turned(measurements: Sequence[Measurement]) -> Iterator[tuple[str, list[Meas
         if not any(key in record.sensors for record in measurements):
             yield (
                 f"swapped polarity of the {name}",
-                [replace(one, sensors={**one.sensors, key: -1.0}) for one in measurements],
+                [replace(record, sensors={**record.sensors, key: -1.0}) for record in measurements],
             )
     if "velocity" in outputs and not any(record.velocity_is_absolute for record in measurements):
         moved = [replace(record, velocity_is_absolute=True) for record in measurements]
-        yield "velocity in the room", moved
+        yield "velocity in the inertial frame", moved
 
 
 def _without_mean(measurements, name):
-    """The records without the means of a channel that has none over long times, if those show."""
+    """The records without a channel's mean, if it must be 0 over long times but is significant."""
     key, changed, largest = f"sensor.{name}_offset", [], 0.0
     for record in measurements:
         values = record.sensed.get(name)

@@ -1,4 +1,4 @@
-"""The fit from several starts: short windows first, then longer ones from the best."""
+"""Fit from several starts: first with short windows, then with longer ones from the best."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
     from harvester.identification.unknowns import Unknown
 
 SHORT_PERIODS = 2.0
-# Largest number of iterations: with the first short windows, at each longer length, and in the last
+# Maximum number of iterations: with the first short windows, at each longer length, and in the last
 # fit.
 FIRST, ON_THE_WAY, LAST = 12, 6, 40
-# A fit ends when a step would lower its cost by less than this share: in all but the last fit, and
-# in the last.
+# A fit ends if a step would lower its cost by less than this share: COARSE, except FINE in the last
+# fit.
 COARSE, FINE = 1e-3, 1e-6
-# Most windows of the first fit.
+# Maximum number of windows of the first fit.
 MOST_FIRST_WINDOWS = 2000
-# A window's start is in doubt if the mean square of its residuals exceeds this multiple of the
+# A window's start is doubtful if the mean square of its residuals exceeds this multiple of the
 # median.
 DOUBTFUL = 4.0
-# Most rounds in which doubtful windows get new starts.
+# Maximum number of rounds in which doubtful windows get new starts.
 MENDINGS = 4
-# A fit is given up if its cost exceeds this multiple of a rival model's cost.
+# A fit is abandoned if its cost exceeds this multiple of a rival model's cost.
 HOPELESS = 1.25
-# Windows are joined while an error of the start grows at most by the first factor, and one that
-# arises within the window by the second.
+# Windows are joined while the error of a start grows at most by the first factor, and an error that
+# arises in a window by the second.
 LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
-# Shares of the work at which all starts have been tried, and at which the windows are long.
+# Progress at which all starts have been tried, and at which the windows are long.
 STARTS_SHARE, WINDOWS_SHARE = 0.4, 0.8
-# Samples in the shortest window, which must determine three states.
+# Number of samples in the shortest window, which must determine three states.
 FEWEST_SAMPLES = 12
 
 
@@ -53,14 +53,14 @@ def searched(
     lengths: Sequence[int],
     follow: Callable[[float], object],
 ) -> tuple[Shooting, ShootingFit] | None:
-    """The best fit; None where no start gives one.
+    """The best fit; None if no start leads to one.
 
     Parameters
     ----------
     lengths : sequence of int
-        Samples of each experiment, from its first, that are fitted to.
+        Number of samples of each experiment, from its beginning, that are fitted.
     follow : callable
-        Function of the share done.
+        Function of the completed share.
     """
     best, starts = None, starts_from(responses, unknowns)
     for number, start in enumerate(starts):
@@ -74,7 +74,7 @@ def searched(
     most = np.array(lengths)
 
     def follow_windows(longest: np.ndarray) -> None:
-        # Windows double in length, to the record's at most.
+        # Windows double in length, up to the record's length.
         done = 1.0 - float(np.max(np.log2(most / longest) / np.log2(most)))
         follow(STARTS_SHARE + (WINDOWS_SHARE - STARTS_SHARE) * done)
 
@@ -109,27 +109,27 @@ def followed(
     rival: float = np.inf,
     follow: Callable[[np.ndarray], object] = lambda longest: None,
 ) -> ShootingFit:
-    """Fit with windows that double in length while errors stay small in them, to the end.
+    """Continue a fit with windows that double in length while errors in them stay small.
 
-    Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
+    Longer windows do not improve a fit, so a hopeless fit keeps its short windows.
 
     Parameters
     ----------
     fit : ShootingFit
-        A fit with short windows, linearized.
+        A linearized fit with short windows.
     rival : float
         Cost of a rival model.
     follow : callable, optional
-        Function of the samples of each experiment's longest window.
+        Function of the number of samples in each experiment's longest window.
     """
     fit = mended(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
-    # The loop continues while some window is longer than any that was allowed before.
+    # The loop continues while a window is longer than previously allowed.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
         follow(_longest(fit))
         short = opened(shooting, fit)
-        # Linearized in the windows' starts alone.
+        # Linearized with respect to the windows' starts alone.
         shooting.frozen().linearized(short)
         longer = lengthened(fit, short, most)
         if longer is None:
@@ -148,7 +148,7 @@ def followed(
 
 
 def _longest(fit):
-    """Samples of each experiment's longest window."""
+    """Number of samples in each experiment's longest window."""
     return np.array([np.diff(edges).max() for edges in fit.edges])
 
 
@@ -158,16 +158,16 @@ def in_short_windows(
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> ShootingFit:
-    """Shortest windows in other stretches of the records, started where a fit's values fit best.
+    """Shortest windows in other parts of the records, with the starts that fit best.
 
     Parameters
     ----------
     fit : ShootingFit
-        The fit that gives the values and the noise.
+        The fit with the values and the noise.
     stretches : sequence of (int, int)
-        First sample of each experiment's stretch, and the sample after its last.
+        First sample of each experiment's part, and the sample after its last one.
     reach : (float, float), optional
-        Displacements between which the mass is searched; by default the range of the fitted motion.
+        Displacements in which the mass is searched; by default the range of the fitted motion.
     """
     experiments = shooting.responses.experiments
     edges = [
@@ -183,7 +183,7 @@ def in_short_windows(
 
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
-    """Edges of the shortest windows from one sample to another."""
+    """Edges of the shortest windows between two samples."""
     period = measurement.sampling_rate / measurement.frequencies[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
     count = max(1, round((last - first) / max(width, FEWEST_SAMPLES)))
@@ -191,7 +191,7 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
 
 
 def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
-    """The fit cut into the shortest windows, whose starts lie on its own motion."""
+    """The fit divided into the shortest windows, whose starts are on its motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
         states = shooting.states(fit, number)
@@ -202,8 +202,8 @@ def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
-    """A fit that begins in short windows, to the end; None where no motion follows."""
+def restarted(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
+    """Restart a fit in short windows and complete it; None if no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
         fit = followed(shooting, fit, rival)
@@ -211,10 +211,10 @@ def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> Shoot
 
 
 def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
-    """The fit with better starts of windows in doubt, or with those cut in half.
+    """The fit with better starts of doubtful windows, or with these divided in half.
 
-    Windows in which an error at the start grows beyond the limit are split, too. Returns the
-    same fit where nothing is in doubt or no better one is found.
+    Windows in which an error of the start grows beyond the limit are also divided. Returns the same
+    fit if no window is doubtful or no better fit is found.
     """
     better, cut = fit, _doubtful(fit)
     if any(windows.any() for windows in cut):
@@ -234,7 +234,7 @@ def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
 def _doubtful(fit, sums=None):
     """Windows whose residuals are far larger than the others'.
 
-    `sums` are the windows' sums of squares, by default from the fit.
+    `sums`: the windows' sums of squares, by default from the fit.
     """
     doubtful = []
     for number, edges in enumerate(fit.edges):
@@ -245,31 +245,33 @@ def _doubtful(fit, sums=None):
 
 
 def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
-    """The fit with neighbouring windows joined as long as errors stay small; None if none can be.
+    """Join neighbouring windows while errors stay small; return None if none can be joined.
 
     Parameters
     ----------
     fit, short : ShootingFit
         `short` is the same motion in the shortest windows, linearized.
     most : sequence of int
-        Samples in a window at most, by experiment.
+        Maximum number of samples per window, by experiment.
     """
     edges, starts, joined = [], [], False
     if not short.grams:
         return None
     for number, old in enumerate(short.edges):
-        first_windows = _kept(short.transitions[number], short.growth[number], old, most[number])
+        first_windows = _window_begins(
+            short.transitions[number], short.growth[number], old, most[number]
+        )
         joined |= first_windows.size < len(fit.starts[number])
         edges.append(np.append(old[first_windows], old[-1]))
         starts.append(short.starts[number][first_windows])
     return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
 
 
-def _kept(transitions, growth, edges, most):
-    """Indices of the windows at which the joined windows begin.
+def _window_begins(transitions, growth, edges, most):
+    """Indices of the windows at which the joined windows start.
 
-    An error of the start may decay, and one from an inexact value may still grow later. So `totals`
-    holds the transition matrices from the start and from all samples whose errors grow.
+    An error of the start may decay while an error from an inexact value grows later. Therefore
+    `totals` contains transition matrices from the start and from all samples whose errors grow.
     """
     first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):
@@ -287,19 +289,19 @@ def _kept(transitions, growth, edges, most):
 
 
 def _norms(matrices):
-    """Spectral norms of some matrices; infinite where an entry is not finite."""
+    """Spectral norms of matrices; infinite if an entry is not finite."""
     norms, finite = np.full(len(matrices), np.inf), np.isfinite(matrices).all(axis=(1, 2))
     norms[finite] = np.linalg.norm(matrices[finite], 2, axis=(1, 2))
     return norms
 
 
 def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:
-    """The fit with some windows cut in half, the second half beginning where the first ends.
+    """The fit with some windows divided in half, the second half starting where the first ends.
 
     Parameters
     ----------
     where : sequence of ndarray of bool
-        The windows to cut, by experiment.
+        The windows to divide, by experiment.
     """
     edges, starts = [], []
     for number, old in enumerate(fit.edges):

@@ -1,13 +1,14 @@
 """Effects of sensors on their signals, and the true quantities that cause the signals.
 
-A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
-it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
-What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
-sensor has no information on it.
+A sensor that blocks constants (AC coupling) shows a(s) s/(s + ω); the true quantity is the signal
+plus ω times its integral. This correction is applied to the acceleration that drives a model. The
+integral of offset and noise is a slow drift, on which the sensor has no information, so its
+parabola is removed.
 
-An output is compared after its sensor: the simulated one goes through the sensor's filters. To
-put the measured one right would integrate its noise, and a free corner would come out too low. A
-filter's state at the beginning of a window is unknown: it is that with which the window fits best.
+An output is compared after its sensor: the simulated output passes through the sensor's filters.
+Correcting the measured output instead would integrate its noise, and bias a free corner frequency
+downwards. A filter's unknown state at the beginning of a window is the one that fits the window
+best.
 """
 
 from __future__ import annotations
@@ -24,30 +25,30 @@ from harvester.records.time_base import SPLINE_DEGREE
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
-# Effects of sensors. A high-pass is given by its corner (Hz), of first order, or of second
-# (Butterworth's); the resistance (Ω) is that of the input, in parallel with the load. `NEUTRAL` has
-# the values without effect that are not 0.
+# Effects of sensors. A high-pass has a corner frequency (Hz), and is of first order or second order
+# (Butterworth). The resistance (Ω) is that of the input, in parallel with the load. `NEUTRAL`
+# contains nonzero values without effect.
 HIGHPASSES = ("highpass", "highpass2")
 NEUTRAL = {"scale": 1.0, "resistance": math.inf}
 OUTPUT_EFFECTS = ("offset", "scale", "delay", "filter")
-# The base's sensor has no delay: it would equal an opposite delay of all outputs.
+# The base's sensor has no delay, since it equals the opposite delay of all outputs.
 BASE_EFFECTS = ("offset", "scale", *HIGHPASSES)
 VOLTAGE_EFFECTS = (*HIGHPASSES, "resistance")
 # Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
-# a period its error is 1e-4 of the amplitude. There is one matrix for each position of the step
-# among the six; it gives each sample's polynomial, from the step's beginning.
+# per period its error is 1e-4 of the amplitude. For each position of the step among the six, one
+# matrix gives each sample's polynomial from the step's beginning.
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
-# If a pole per sample exceeds this magnitude, the recursion between moments loses no digits. Below,
-# the quadrature gives the moments to rounding.
+# If a pole per sample exceeds this magnitude, the recursion between moments is accurate. Below, the
+# quadrature gives the moments with round-off accuracy.
 SHORT_MEMORY = 5.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-# Input resistance of a usual probe (Ω), from which a free resistance begins.
+# Input resistance of a typical probe (Ω), the initial value of a free resistance.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
-# Valid values of each effect: in words, and as a check.
+# Valid values of each effect, as text and as a check.
 REQUIRED = {
     "scale": ("a number other than 0", lambda value: math.isfinite(value) and value != 0.0),
     "resistance": ("a number > 0", lambda value: value > 0.0),
@@ -58,7 +59,7 @@ REQUIRED = {
 
 
 def sensor_keys(outputs: Sequence[str]) -> list[str]:
-    """Keys of the sensors that a record has."""
+    """Keys of the sensors of a record."""
     keys = [f"sensor.acceleration_{effect}" for effect in BASE_EFFECTS]
     for output in outputs:
         effects = OUTPUT_EFFECTS + (VOLTAGE_EFFECTS if output == "voltage" else ())
@@ -74,12 +75,12 @@ def neutral(key: str) -> float:
 def checked_sensors(
     values: Mapping[str, object], outputs: Sequence[str], where: str
 ) -> dict[str, float]:
-    """The given effects of sensors as numbers by key, after a check.
+    """Check the given effects of sensors, and return them as numbers by key.
 
     Raises
     ------
     SceneError
-        No such effect, no number, or one that no sensor has.
+        An effect is unknown, not a number, or not physical.
     """
     names, numbers = sensor_keys(outputs), {}
     for key, value in values.items():
@@ -95,9 +96,9 @@ def checked_sensors(
 
 
 def integrals(
-    samples: np.ndarray, rate: float, places: np.ndarray
+    samples: np.ndarray, rate: float, positions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second integral of a sampled series without their drift.
+    """First and second integral of a sampled series without drift.
 
     Parameters
     ----------
@@ -105,21 +106,21 @@ def integrals(
     rate : float
         Hz.
     places : ndarray
-        Positions of the wanted values, in samples.
+        Positions of the requested values, in samples.
     """
     from scipy.interpolate import make_interp_spline
 
     spline = make_interp_spline(np.arange(samples.size), samples - samples.mean(), SPLINE_DEGREE)
-    once = _without_drift(spline.antiderivative()(places), 1) / rate
-    # A line was taken out of the first integral, hence a parabola and its drift out of the second.
-    return once, _without_drift(spline.antiderivative(2)(places), 3) / rate**2
+    once = _without_drift(spline.antiderivative()(positions), 1) / rate
+    # A line was removed from the first integral, so a parabola and its drift from the second.
+    return once, _without_drift(spline.antiderivative(2)(positions), 3) / rate**2
 
 
 def _without_drift(values, degree):
-    """A series less the polynomial of this degree that is nearest to it."""
+    """A series without its least-squares polynomial of this degree."""
     along = np.linspace(-1.0, 1.0, values.size)
     table = np.polynomial.legendre.legvander(along, degree)
-    # Legendre polynomials are nearly orthogonal: the normal equations are well conditioned.
+    # Legendre polynomials are nearly orthogonal, so that the normal equations are well conditioned.
     return values - table @ np.linalg.solve(table.T @ table, table.T @ values)
 
 
@@ -131,11 +132,11 @@ def invert_high_pass(
     Parameters
     ----------
     values : ndarray
-        The signal that the sensor shows.
+        The sensor's signal.
     integral : (ndarray, ndarray)
-        First and second integral of them.
+        Its first and second integral.
     corner, second_corner : float
-        Corner frequencies of the high-pass of first and of second order (Hz); 0: there is none.
+        Corner frequencies of the high-pass of first and second order (Hz); 0: none.
     """
     once = 2.0 * math.pi * corner
     twice = 2.0 * math.pi * second_corner
@@ -146,16 +147,16 @@ def invert_high_pass(
 def filtered(
     values: np.ndarray, edges: np.ndarray, time_constant: float, corner: float, second_corner: float
 ) -> np.ndarray:
-    """Windows of a series after a low-pass of first order and high-passes, from any state.
+    """Windows of a series after a first-order low-pass and high-passes, from any state.
 
-    The time constant is in samples, 0 for no low-pass; corners are in radians per sample.
+    The time constant is in samples (0: no low-pass); corners are in radians per sample.
     """
     if time_constant > 0.0:
         values = _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
     if corner:
         values = values - _convolved(values, edges, -corner, corner)
     if second_corner:
-        # Butterworth's: 1 − s²/(s² + √2 ω s + ω²) has the residue ω/√2 at both of its poles.
+        # Butterworth: 1 − s²/(s² + √2 ω s + ω²) has the residue ω/√2 at both of its poles.
         share = second_corner / math.sqrt(2.0)
         away = _convolved(values, edges, share * complex(-1.0, 1.0), share)
         values = values - 2.0 * away.real
@@ -163,21 +164,21 @@ def filtered(
 
 
 def _convolved(values, edges, pole, residue):
-    """A series through residue/(s − pole), by a polynomial through neighbours in its window."""
+    """A series filtered by residue/(s − pole), interpolated by polynomials within each window."""
     from scipy.signal import lfilter
 
     size = STENCILS.shape[1]
     if values.size < size:
         return 0.0 * values
     cuts = edges - edges[0]
-    places = np.arange(values.size - 1)
-    window = np.searchsorted(cuts, places, "right") - 1
-    first = np.maximum(np.minimum(places - size // 2 + 1, cuts[window + 1] - size), cuts[window])
+    positions = np.arange(values.size - 1)
+    window = np.searchsorted(cuts, positions, "right") - 1
+    first = np.maximum(np.minimum(positions - size // 2 + 1, cuts[window + 1] - size), cuts[window])
     first = np.clip(first, 0, values.size - size)
     weights = residue * (_moments(pole, size) @ STENCILS)
     near = np.lib.stride_tricks.sliding_window_view(values, size)[first]
-    drive = np.sum(near * weights[np.clip(places - first, 0, size - 2)], axis=1)
-    # A window that runs away disturbs no later one, nor does the step from one to the next.
+    drive = np.sum(near * weights[np.clip(positions - first, 0, size - 2)], axis=1)
+    # A diverging window must not affect later ones, nor must the step between windows.
     drive[~np.isfinite(drive)] = 0.0
     drive[cuts[1:-1] - 1] = 0.0
     filtered = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
@@ -205,30 +206,29 @@ def without_memory(
     corner: float | None,
     second_corner: float | None,
 ) -> np.ndarray:
-    """A simulated series, with the filters' states at the windows' starts chosen to fit best.
+    """A simulated series, with filter states at the windows' starts that fit best.
 
     Parameters
     ----------
     shown : ndarray, shape (n,)
-        Simulated output after the filters, from any states of them.
+        Simulated output after the filters, from any filter states.
     seen : ndarray, shape (n,)
-        Measured.
+        Measured output.
     edges : ndarray of int, shape (windows + 1,)
     time_constant, corner, second_corner : float or None
         Time constant in samples, corners in radians per sample; None: there is no such filter. A
-        filter that is free is one without effect, too, so that nothing jumps where its effect
-        begins.
+        free filter without effect is kept, so that the cost is continuous when its effect begins.
     """
     cuts = edges - edges[0]
-    places, modes = np.arange(np.diff(cuts).max()), []
+    positions, modes = np.arange(np.diff(cuts).max()), []
     if time_constant is not None:
-        modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** places)
+        modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** positions)
     if corner is not None:
-        modes.append(np.exp(-corner * places))
+        modes.append(np.exp(-corner * positions))
     if second_corner is not None:
-        turned = second_corner / math.sqrt(2.0) * places
+        turned = second_corner / math.sqrt(2.0) * positions
         modes.append(np.exp(-turned) * np.cos(turned))
-        modes.append(np.exp(-turned) * places * np.sinc(turned / math.pi))
+        modes.append(np.exp(-turned) * positions * np.sinc(turned / math.pi))
     if not modes:
         return shown
     table, corrected = np.column_stack(modes), shown.copy()
@@ -240,5 +240,5 @@ def without_memory(
 
 
 def parallel(resistance: float, beside: float) -> float:
-    """Resistance (Ω) of two in parallel."""
+    """Resistance (Ω) of two parallel resistances."""
     return resistance / (1.0 + resistance / beside)

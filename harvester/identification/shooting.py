@@ -1,8 +1,8 @@
-"""Multiple shooting: windows with separate starts, as long as errors stay small in them.
+"""Multiple shooting: windows with separate starts, as long as errors in them stay small.
 
 Bock, in Modelling of Chemical Reaction Systems (1981), and for records of chaotic motion Baake et
 al., Phys. Rev. A 45, 5524 (1992). The least-squares problem has the unknowns of the device, and
-three states for each window; those are eliminated window by window from the normal equations.
+three states for each window, which are eliminated window by window from the normal equations.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 # Step of the difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
-# A linearization is rejected if a weighted residual changes by more than this for a change of an
-# unknown or state by its size.
+# A linearization is rejected if a weighted residual changes by more than this when an unknown or
+# state changes by its size.
 LARGEST_SLOPE = 1e12
-# First, smallest and largest damping of the Levenberg–Marquardt steps.
+# Initial, minimum and maximum damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
 
@@ -41,14 +41,14 @@ class ShootingFit:
     edges : list of ndarray of int
         Edges of the windows of each experiment.
     starts : list of ndarray, shape (windows, 3)
-        Scaled states at their beginnings.
+        Scaled states at the beginnings of the windows.
     noise : list of ndarray, shape (outputs,)
-        Noise levels by which residuals are divided.
+        Noise levels that divide the residuals.
     cost : float
         Sum of squares of the weighted residuals.
     grams, transitions, growth : list of ndarray
-        For each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
-        output, in rms values, for an error of its start, in rms values too.
+        For each window of each experiment: [J r]ᵀ[J r]; derivative of its end by its start; the
+        largest output for an error of its start, both in rms values.
     """
 
     values: np.ndarray
@@ -67,7 +67,7 @@ class Shooting:
     Parameters
     ----------
     state_sizes : sequence of ndarray, shape (3,)
-        rms of each state, by experiment; a state that does not exist has 0.
+        rms of each state, by experiment; 0 for a state that does not exist.
     """
 
     def __init__(
@@ -88,12 +88,12 @@ class Shooting:
     def beside(
         self, responses: Responses, unknowns: Sequence[Unknown], records: int | None = None
     ) -> Shooting:
-        """Another problem, whose states have the sizes of this one's.
+        """Another problem, with the sizes of this problem's states.
 
         Parameters
         ----------
         records : int, optional
-            Number of experiments whose sizes are taken, from the first; all by default.
+            Number of experiments, from the first, whose sizes are used (default: all).
         """
         other = Shooting(responses, unknowns, [])
         other.state_sizes = self.state_sizes[:records]
@@ -101,7 +101,7 @@ class Shooting:
         return other
 
     def of_first(self, count: int, fit: ShootingFit) -> tuple[Shooting, ShootingFit]:
-        """The problem of the first experiments alone, and a fit's windows in them."""
+        """The problem of the first experiments alone, with a fit's windows in them."""
         responses = self.responses
         alone = responses.replaced(responses.experiments[:count], responses.keys)
         windows = ShootingFit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
@@ -112,7 +112,7 @@ class Shooting:
     ) -> tuple[np.ndarray, Any, np.ndarray]:
         """Weighted residuals of one experiment, its windows' ends, and each window's cost.
 
-        Where a solution runs away, residuals are 0 and the cost is inf.
+        If a solution diverges, residuals are 0 and the cost is inf.
 
         Parameters
         ----------
@@ -123,11 +123,11 @@ class Shooting:
         values = fit.values if values is None else values
         starts = fit.starts[number] if starts is None else starts
         _, ends, outputs = self.responses.states(number, values, edges, starts)
-        left = (np.nan if outputs is None else outputs) - self.seen(number, edges)
-        left = left / fit.noise[number]
-        costs = np.add.reduceat(np.sum(left**2, axis=1), edges[:-1] - edges[0])
+        weighted = (np.nan if outputs is None else outputs) - self.seen(number, edges)
+        weighted = weighted / fit.noise[number]
+        costs = np.add.reduceat(np.sum(weighted**2, axis=1), edges[:-1] - edges[0])
         costs[~np.isfinite(costs)] = np.inf
-        return np.nan_to_num(left, posinf=0.0, neginf=0.0), ends, costs
+        return np.nan_to_num(weighted, posinf=0.0, neginf=0.0), ends, costs
 
     def states(self, fit: ShootingFit, number: int) -> Any:
         """States at the samples of one experiment of a fit, shape (samples, 3)."""
@@ -140,7 +140,7 @@ class Shooting:
         return np.column_stack([series[edges[0] : edges[-1]] for series in outputs.values()])
 
     def cost(self, fit: ShootingFit) -> float:
-        """Sum of squares; inf where the device runs away."""
+        """Sum of squares; inf if the device diverges."""
         return float(sum(self.residuals(fit, n)[2].sum() for n in range(len(fit.edges))))
 
     def jacobian(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
@@ -162,34 +162,39 @@ class Shooting:
             if np.isfinite(costs).all():
                 table[..., k] = (shifted - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
 
-        # Each call fills its own column, so the threads' order does not change the result.
+        # Each call fills its own column, so that the threads' order does not affect the result.
         side_by_side(of_value, range(p))
         table[..., p:-1], transitions = self.by_states(fit, number, fit.starts[number], base, ends)
         return table, transitions
 
     def by_states(
-        self, fit: ShootingFit, number: int, starts: np.ndarray, left: np.ndarray, ends: np.ndarray
+        self,
+        fit: ShootingFit,
+        number: int,
+        starts: np.ndarray,
+        residuals: np.ndarray,
+        ends: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of residuals and of windows' ends by the windows' starts, in sizes.
 
-        Shapes (samples, outputs, 3) and (windows, 3, 3). `left` and `ends` belong to the starts.
+        Shapes (samples, outputs, 3) and (windows, 3, 3). `left` and `ends` are those of the starts.
         """
         sizes, lengths = self.state_sizes[number], np.diff(fit.edges[number])
-        columns, transitions = np.zeros((*left.shape, 3)), np.zeros((len(starts), 3, 3))
+        columns, transitions = np.zeros((*residuals.shape, 3)), np.zeros((len(starts), 3, 3))
 
         def of_state(k):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * sizes[k]
             shifted, moved_ends, costs = self.residuals(fit, number, starts=moved)
             bounded = np.repeat(np.isfinite(costs), lengths)[:, None]
-            columns[..., k] = np.where(bounded, shifted - left, 0.0) / DIFFERENCE
+            columns[..., k] = np.where(bounded, shifted - residuals, 0.0) / DIFFERENCE
             transitions[:, :, k] = (moved_ends - ends) / sizes / DIFFERENCE
 
         side_by_side(of_state, np.flatnonzero(self.states_there[number]))
         return columns, transitions
 
     def linearized(self, fit: ShootingFit) -> bool:
-        """Fill the Gram matrices of all windows; whether the device stays within bounds."""
+        """Fill the Gram matrices of all windows; return whether the device stays bounded."""
         fit.grams, fit.transitions, fit.growth = [], [], []
         p = len(self.unknowns)
         for number, edges in enumerate(fit.edges):
@@ -236,7 +241,7 @@ class Shooting:
     def state_moves(
         self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0
     ) -> list[np.ndarray]:
-        """Changes of all window starts that go with a change of the unknowns, both in sizes."""
+        """Changes of all window starts due to a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
             inverse = _state_inverse(grams[:, p : p + 3, p : p + 3], damping)
@@ -245,7 +250,7 @@ class Shooting:
         return moves
 
     def reduced(self, fit: ShootingFit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and gradient of the unknowns alone, the starts eliminated."""
+        """Normal matrix and gradient of the unknowns alone, after eliminating the starts."""
         p = len(self.unknowns)
         normal, gradient = np.zeros((p, p)), np.zeros(p)
         diagonal = np.zeros(p)
@@ -261,14 +266,14 @@ class Shooting:
         return normal, gradient
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
-        """The fit at the minimum of its cost, its windows unchanged.
+        """The fit at the minimum of its cost, with unchanged windows.
 
         Parameters
         ----------
         iterations : int
-            Largest number of iterations.
+            Maximum number of iterations.
         tolerance : float
-            Share of the cost: a step that promises or brings less is the last one.
+            Share of the cost: a step with a smaller expected or actual decrease is the last one.
         """
         if not self.linearized(fit):
             return fit
@@ -285,7 +290,7 @@ class Shooting:
             else:
                 return fit
             if last:
-                # So short a step does not change the linearization.
+                # Such a short step does not change the linearization.
                 trial.grams, trial.transitions = fit.grams, fit.transitions
                 trial.growth = fit.growth
                 return trial if trial.cost < fit.cost else fit
@@ -298,7 +303,7 @@ class Shooting:
         return fit
 
     def promised(self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """Least decrease of the cost by a damped step, were the problem linear."""
+        """Expected decrease of the cost by a damped step, for a linear problem."""
         p, total = len(self.unknowns), 0.0
         for grams, move in zip(fit.grams, moves, strict=True):
             total -= float(np.sum(grams[:, :p, -1] @ change))
@@ -317,7 +322,7 @@ class Shooting:
         return ShootingFit(values, fit.edges, starts, fit.noise)
 
     def reweighted(self, fit: ShootingFit) -> ShootingFit:
-        """The fit with each output's noise as its residuals show it."""
+        """The fit with each output's noise estimated from its residuals."""
         noise = []
         for number, level in enumerate(fit.noise):
             residuals, _, costs = self.residuals(fit, number)
@@ -327,13 +332,13 @@ class Shooting:
 
 
 def _grams(table, cuts):
-    """[J r]ᵀ[J r] of each window, from the table of an experiment."""
+    """[J r]ᵀ[J r] of each window, from an experiment's table."""
     parts = [table[a:b].reshape(-1, table.shape[-1]) for a, b in pairwise(cuts)]
     return np.array([part.T @ part for part in parts])
 
 
 def _state_inverse(block, damping):
-    """Inverses of the windows' normal matrices of their starts, damped alike or each by its own."""
+    """Inverses of the normal matrices of windows' starts, with common or individual damping."""
     block, sizes = block.copy(), np.einsum("wii->wi", block)
     largest = sizes.max(axis=1, keepdims=True)
     ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
@@ -343,10 +348,10 @@ def _state_inverse(block, damping):
 
 # Number of displacements to try for each window's start.
 DISPLACEMENTS = 15
-# Number of displacements per window, the best of those tried, from which its states are fitted.
+# Number of displacements per window, the best ones, from which its states are fitted.
 MOST_TRIED = 2
 ITERATIONS = 8
-# A window's fit ends when a step promises to lower its cost by less than this share.
+# A window's fit ends if a step would lower its cost by less than this share.
 SETTLED = 1e-4
 
 
@@ -357,18 +362,18 @@ def settled(
     starts: np.ndarray,
     iterations: int = ITERATIONS,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Starts at the minimum of each window's own cost, and those costs.
+    """Starts at the minimum of each window's cost, and these costs.
 
-    Windows whose starts are NaN stay unchanged.
+    Windows whose starts are NaN are unchanged.
     """
     sizes, edges = shooting.state_sizes[number], fit.edges[number]
-    left, ends, costs = shooting.residuals(fit, number, starts=starts)
+    residuals, ends, costs = shooting.residuals(fit, number, starts=starts)
     damping = np.full(len(starts), 1e-2)
     moving = np.isfinite(starts).all(axis=1)
     for _ in range(iterations):
         begun = np.where(moving[:, None], starts, np.nan)
-        columns, _ = shooting.by_states(fit, number, begun, left, ends)
-        grams = _grams(np.concatenate([columns, left[..., None]], axis=2), edges - edges[0])
+        columns, _ = shooting.by_states(fit, number, begun, residuals, ends)
+        grams = _grams(np.concatenate([columns, residuals[..., None]], axis=2), edges - edges[0])
         gradient = grams[:, :3, 3]
         inverse = _state_inverse(grams[:, :3, :3], damping[:, None])
         step = -np.einsum("wij,wj->wi", inverse, gradient)
@@ -377,7 +382,7 @@ def settled(
         trial_left, _, tried = shooting.residuals(fit, number, starts=trial)
         better = tried < costs
         starts = np.where(better[:, None], trial, starts)
-        left = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, left)
+        residuals = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, residuals)
         costs = np.where(better, tried, costs)
         damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
         if not moving.any():
@@ -388,18 +393,18 @@ def settled(
 def placed(
     shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best starts with the displacement anywhere within reach, settled, and their costs.
+    """The best starts with any displacement within reach, after a fit, and their costs.
 
     Parameters
     ----------
     where : ndarray of bool, shape (windows,)
-        Windows to look at; the others' starts are NaN.
+        Windows to process; the others' starts are NaN.
     reach : (float, float)
-        Least and greatest displacement.
+        Minimum and maximum displacement.
     """
     seen = motion(shooting.responses.at(number, fit.values))
-    places = fit.edges[number][:-1]
-    states = np.where(where[:, None], states_of(seen, places), np.nan)
+    begins = fit.edges[number][:-1]
+    states = np.where(where[:, None], states_of(seen, begins), np.nan)
     if seen.measured:
         return settled(shooting, number, fit, states)
 
@@ -409,7 +414,7 @@ def placed(
     tried = np.linspace(*reach, DISPLACEMENTS)
     costs = side_by_side(lambda x: shooting.residuals(fit, number, starts=begun_at(x))[2], tried)
     order = np.argsort(costs, axis=0)
-    best = states, np.full(places.size, np.inf)
+    best = states, np.full(begins.size, np.inf)
     for rank in range(MOST_TRIED):
         best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
     return best
@@ -418,12 +423,12 @@ def placed(
 def repaired(
     shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
 ) -> tuple[ShootingFit, list[np.ndarray]]:
-    """The fit with some windows' starts at the best states that can be found for them.
+    """The fit with some windows' starts replaced by the best states.
 
     Parameters
     ----------
     where : sequence of ndarray of bool, shape (windows,)
-        Which windows of each experiment are repaired.
+        Windows to repair, by experiment.
 
     Returns
     -------
@@ -457,20 +462,20 @@ def _better(own, other):
 
 
 def reach_of(x: np.ndarray) -> tuple[float, float]:
-    """Range of displacements to search: from the 1 % to the 99 % quantile, and a tenth beyond."""
+    """Range of displacements to search: from the 1 % to the 99 % quantile, extended by a tenth."""
     low, high = np.nanquantile(x, [0.01, 0.99])
     margin = 0.1 * (high - low)
     return float(low - margin), float(high + margin)
 
 
 def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Series less the part that the starts of their windows explain.
+    """Series without the part that the starts of their windows explain.
 
     Parameters
     ----------
     series : ndarray, shape (samples, outputs, n)
     states : ndarray, shape (samples, outputs, states)
-        Outputs' derivatives by the start of the window that a sample is in.
+        Derivatives of the outputs by the start of the window that contains a sample.
     cuts : ndarray of int, shape (windows + 1,)
     """
     remainder = series.copy()
@@ -483,6 +488,6 @@ def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> 
     return remainder
 
 
-def states_of(seen: Motion, places: np.ndarray) -> np.ndarray:
+def states_of(seen: Motion, samples: np.ndarray) -> np.ndarray:
     """A motion's states at some samples, shape (places, 3)."""
-    return np.column_stack([seen.x[places], seen.v[places], seen.state[places]])
+    return np.column_stack([seen.x[samples], seen.v[samples], seen.state[samples]])

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 # Tables of the scene whose numbers describe the device; the load's values are given.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
-# Keys that are not free by default: a scale, a data sheet or an ohmmeter gives them, and records
-# hardly determine them.
+# Keys that are not free by default: they are known from a scale, a data sheet or an ohmmeter, and
+# records hardly determine them.
 KNOWN = (
     "mass", "base_factor", "base_charge", "exponent", "resistance", "inductance",
     "leakage_resistance", "leakage_rate",
@@ -36,10 +36,10 @@ DEVICE = "device"
 MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
 ORIGIN, DRAG = FORCE.format(0), "oscillator.quadratic_damping"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
-# A number that must be positive stays above this share of its size or first value.
+# A number that must be positive stays above this share of its size or initial value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
-# Share of a size that is too little to change the motion.
+# Share of a size that is too small to change the motion.
 LITTLE = 1e-6
 POWERS = 8
 
@@ -53,7 +53,7 @@ class Unknown:
     key : str
         `table.key` of the scene, or `sensor.QUANTITY_EFFECT`.
     start, low, high : float
-        Initial value of a fit, and the value's bounds, in the scene's units.
+        Initial value of a fit, and bounds of the value, in the scene's units.
     size : float
         Typical magnitude of a change of the value; > 0.
     """
@@ -74,10 +74,10 @@ class Unknown:
 
 
 def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> list[str]:
-    """Keys that are free by default: the device's own numbers that a record determines.
+    """Keys that are free by default: the device's numbers that a record determines.
 
-    Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
-    record tells where x = 0 is: then the constant force is kept. A velocity in `volts` has a scale.
+    Mass, winding, leak and a contact's exponent are assumed known. Without a displacement no record
+    shows the position of x = 0, so the constant force is fixed. A velocity in `volts` has a scale.
     """
     keys = [VELOCITY_SCALE] if volts else []
     for key, (value, _) in numbers(scene).items():
@@ -86,7 +86,7 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
             continue
         if key == ORIGIN and "displacement" not in outputs:
             continue
-        # A value of 0 means that the device has no such part.
+        # A value of 0 means that the device lacks this part.
         if value == 0.0 and key not in (ORIGIN, "oscillator.damping"):
             continue
         if table in ("piezo", "coil") and "voltage" not in outputs:
@@ -96,12 +96,12 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
 
 
 def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> list[str]:
-    """The keys to free, after a check that each exists.
+    """Check that each key to free exists, and return the keys.
 
     Raises
     ------
     HarvesterError
-        Unknown or twice; with the nearest that there is.
+        A key is unknown (with the nearest valid key) or repeated.
     """
     names = [*numbers(scene), *sensor_keys(outputs)]
     names = [key for key in names if not key.startswith("excitation.")]
@@ -111,26 +111,26 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
     for index, key in enumerate(keys):
         if key not in names:
             raise HarvesterError(
-                f"--free {named(key)}: no number of this scene or its sensors"
+                f"--free {named(key)}: not a number of this scene or its sensors"
                 f"{nearest(key, names)}; there are {', '.join(names)}"
             )
         if key in keys[:index]:
-            raise HarvesterError(f"--free {named(key)}: is there twice")
+            raise HarvesterError(f"--free {named(key)}: occurs twice")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
-            f"--free {BASE_FACTOR} {BASE_SCALE}: records determine the two's ratio alone; give one "
-            "of them, the factor by the beam's drawing or the scale by the sensor's data sheet"
+            f"--free {BASE_FACTOR} {BASE_SCALE}: records determine only their ratio; give one "
+            "of them: the factor from the beam's drawing, or the scale from the sensor's data sheet"
         )
     return list(keys)
 
 
 def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list[Unknown]:
-    """The unknowns of a fit, with bounds from the scene's own checks.
+    """The unknowns of a fit, with bounds from the scene's checks.
 
     Parameters
     ----------
     sizes : dict of str to float
-        Sizes of keys whose start may be 0.
+        Sizes of keys whose initial value may be 0.
     """
     specified = numbers(scene)
     result = []
@@ -147,43 +147,43 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
         if key == DRAG:
-            # A drag of 0 is no number of a scene.
+            # A drag of 0 is not a number of the scene.
             low = LITTLE * size
         result.append(Unknown(key, float(start), low, spec.high, size))
     return result
 
 
 def as_coefficients(keys: Sequence[str]) -> list[str]:
-    """Keys with a spring's values as coefficients of powers."""
+    """Keys with the spring's values replaced by coefficients of powers."""
     return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
 
 
 def spring_key(oscillator: Oscillator, power: int) -> str:
-    """Key of the spring's coefficient of a power of x; empty if it has none."""
+    """Key of the spring's coefficient of a power of x; empty if there is none."""
     if oscillator.restoring_force is not None:
         return FORCE.format(power)
     return next((key for key, n in SHORT_NAMES.items() if n == power), "")
 
 
 def power_of(key: str) -> int:
-    """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
+    """Power of x of a key's spring coefficient; 0 for other keys."""
     index = key.removeprefix(FORCE[:-3]).rstrip("]")
     return SHORT_NAMES.get(key, 0) or (int(index) if index.isdigit() else 0)
 
 
 def factor_key(key: str, records: Iterable[int]) -> str:
-    """Key of a factor by which a known value of these records (numbers) is multiplied."""
+    """Key of a factor that multiplies an assumed value in these records (numbers)."""
     return f"{key}@{','.join(map(str, records))}"
 
 
 def factor_of(key: str) -> tuple[str, list[int]] | None:
-    """Key of the known value that a factor multiplies, and its records; None of other keys."""
+    """Key of the assumed value that a factor multiplies, and its records; None for other keys."""
     name, _, records = key.partition("@")
     return (name, [int(number) for number in records.split(",")]) if records else None
 
 
 def _of_sensor(key, sizes):
-    """A free effect of a sensor, which begins at its value without effect."""
+    """A free effect of a sensor, which starts at its value without effect."""
     effect = key.rpartition("_")[2]
     if effect == "resistance":
         return Unknown(key, PROBE, SMALLEST_SHARE * PROBE, math.inf, PROBE)
@@ -199,7 +199,7 @@ def with_values(
     values: Iterable[float],
     others: Mapping[str, float] = MappingProxyType({}),
 ) -> Scene | None:
-    """The scene with these numbers and others; None where its own checks refuse them."""
+    """The scene with these numbers and others; None if they are invalid."""
     changes = {
         key: float(value)
         for key, value in zip(keys, values, strict=True)
@@ -214,15 +214,15 @@ def with_values(
 def sizes_of(
     scene: Scene, measurements: Sequence[Measurement | MeasuredResponse], reach: float, speed: float
 ) -> dict[str, float]:
-    """Typical magnitudes of the unknowns, including the sensors', by their keys.
+    """Typical magnitudes of the unknowns, including the sensors', by key.
 
     Parameters
     ----------
     reach, speed : float
-        Greatest displacement and rms velocity, in the scene's units.
+        Largest displacement and rms velocity, in the scene's units.
     """
     force = [k or 0.0 for k in scene.oscillator.coefficients]
-    # The largest force that one power of the spring has at the greatest displacement.
+    # The largest contribution of a power of the spring at the largest displacement.
     greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
     if scene.oscillator.force_table is not None:
         greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
@@ -251,7 +251,7 @@ def sizes_of(
 def first_sizes(
     scene: Scene, measurements: Sequence[Measurement | MeasuredResponse]
 ) -> dict[str, float]:
-    """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
+    """Sizes before any fit: for motion of one length unit at the measured frequency."""
     length = setting(scene).length
     speed = 2.0 * np.pi * measurements[0].frequencies[0] * length
     return sizes_of(scene, measurements, length, speed)

@@ -1,11 +1,11 @@
 """Validation records: data that no fit used, a model's prediction of them, and the residuals.
 
-The residuals are compared with the sensors' noise by their size and by a regression. The noise of
-each output is added to the simulated output, and the base sensor's noise to the model's excitation:
-this simulates the residuals that a right model would leave, in the same windows. Their spectrum
-weights the measured residuals, which are then regressed on signals that a wrong model would leave,
-made of the measured acceleration and the simulated output. Of a right model the regression explains
-no more than chance.
+The residuals are compared with the sensors' noise in size and by a regression. To simulate the
+residuals of a right model in the same windows, each output's noise is added to the simulated
+output, and the base sensor's noise to the model's excitation. The spectrum of these residuals
+weights the measured ones. These are regressed on signals typical of a wrong model, computed from
+the measured acceleration and the simulated output. For a right model the regression is not
+significant.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ from harvester.statistics.estimate import Estimate, root
 
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
-# Number of blocks of a record; the scatter of their means gives an error bar.
+# Number of blocks of a record, from whose scatter error bars are computed.
 BLOCKS = 12
-# A record's noise is taken from this share of its spectrum, at the highest frequencies.
+# A record's noise is estimated in this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# Smallest and largest noise of the base's sensor, as shares of the base's rms: a record without
-# noise still has a direction in which noise would act; a higher floor is motion up to half the
-# sampling rate.
+# Minimum and maximum noise of the base's sensor, relative to the base's rms. Without noise a record
+# still needs a direction in which noise would act; a higher floor is motion up to half the sampling
+# rate.
 LEAST_BASE_NOISE, MOST_BASE_NOISE = 1e-6, 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
 # Longest lag of the autocorrelation, in periods of the motion.
 WHITE_PERIODS = 1.0
-# Fitted states of each window: displacement, velocity and the transducer's state.
+# Number of fitted states per window: displacement, velocity and the transducer's state.
 FITTED_STATES = 3
-# An output is no record of a motion if its sensor's noise has more than this share of its rms.
+# An output shows no motion if its sensor's noise exceeds this share of its rms.
 MOSTLY_NOISE = 0.9
-# Standard errors from which on an effect is no chance.
+# Number of standard errors from which an effect is significant.
 SURE = 3.0
-# Number of drawn noise records, and of neighbouring lines over which their spectrum is averaged.
+# Number of simulated noise records, and of adjacent lines over which their spectrum is averaged.
 DRAWS, LINES = 6, 9
 # Residuals are systematic if the regression's F exceeds this. Fourteen sets of three records with
-# right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
-# loads had 32 and more in their worst record.
+# right models had up to 4.2, including the values' errors. Sets with wrong sensors, springs or
+# loads had at least 32 in their worst record.
 SYSTEMATIC = 12.0
-# Residuals are too large if they exceed this multiple of a correct model's. Eleven sets of
-# two or three records with right models had up to 1.23 in their worst record.
+# Residuals are too large if they exceed this multiple of a right model's. Eleven sets of two or
+# three records with right models had up to 1.23 in their worst record.
 TOO_LARGE = 1.5
 # A part below this share of an output's standard deviation is ignored.
 UNNOTICED = 2e-3
-# Likewise for a frequency response, and the largest noise that is read from its residuals.
+# The same for a frequency response, and the maximum noise that its residuals may indicate.
 UNNOTICED_IN_RESPONSE, MOST_NOISE = 0.05, 0.5
-# Singular values below this share of the largest are dropped: some columns are nearly the same.
+# Singular values below this share of the largest are dropped, since some columns are nearly equal.
 SMALLEST_DIRECTION = 1e-8
 
 
@@ -73,9 +73,9 @@ class Unexplained(NamedTuple):
     noise : float
         Residual that a right model would leave.
     systematic : float
-        rms of the residuals' part that follows from the acceleration and the motion.
+        rms of the part of the residuals that the acceleration and the motion explain.
     ratio : float
-        F of that part: about 1 for a right model; NaN of a frequency response.
+        F of this part: about 1 for a right model; NaN for a frequency response.
     is_noise : bool
         Whether the residuals are compatible with noise in size and shape.
     """
@@ -89,27 +89,27 @@ class Unexplained(NamedTuple):
 
     @property
     def beyond(self) -> float:
-        """rms beyond a correct model's residual."""
+        """rms in excess of a right model's residual."""
         return math.sqrt(max(self.left**2 - self.noise**2, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValidationRecord:
-    """The part of one measurement that no fit used, and a model's prediction of it.
+    """The part of one measurement that no fit used, with a model's prediction.
 
     Attributes
     ----------
     rate : float
         Hz.
     measured, windowed, free : ndarray, shape (samples, outputs)
-        `windowed` is simulated in windows whose starts were found in this part, the device's
-        numbers being unchanged; `free` continues from the first start alone.
+        `windowed` is simulated in windows whose starts were fitted to this part, with unchanged
+        values of the device; `free` continues from the first start alone.
     resistance : float or None
         Resistance of the load (Ω).
     motion : float
         Median frequency of the measured motion (Hz).
     unexplained : tuple of Unexplained
-        Residual of each output; of a response one for all.
+        Residual of each output; one for all outputs of a response.
     """
 
     name: str
@@ -124,7 +124,7 @@ class ValidationRecord:
     unexplained: tuple[Unexplained, ...] = ()
 
     aside: ClassVar[str] = "last third"
-    # Whether the part is long enough for the residuals' correlation to show an error of the model.
+    # Whether the part is long enough for the residuals' correlation to show a model error.
     long: ClassVar[bool] = True
 
     @property
@@ -138,12 +138,12 @@ class ValidationRecord:
         return self.outputs[0]
 
     def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the residuals over the output's standard deviation."""
+        """Root mean square of the residuals divided by the output's standard deviation."""
         spread = float(np.std(self.measured[:, output]))
         return float(np.sqrt(np.mean(self.residuals[:, output] ** 2))) / spread
 
     def noise(self, output: int = 0) -> float:
-        """Noise of an output, as a share of its standard deviation: the floor of its spectrum."""
+        """Noise of an output relative to its standard deviation: the floor of its spectrum."""
         values = self.measured[:, output]
         return noise_floor(values, self.rate) / float(np.std(values))
 
@@ -155,10 +155,10 @@ class ValidationRecord:
         return f"mean square {self.outputs[0]}", "scene's unit²"
 
     def powers(self) -> tuple[Estimate, Estimate, Estimate]:
-        """Mean power (or square of an output) measured and predicted, and the relative difference.
+        """Mean power (or mean square) measured and predicted, and the relative difference.
 
-        Predicted in windows, along the measured path. Errors come from means of blocks; the error
-        of the difference of paired blocks.
+        The prediction is in windows, along the measured path. Errors are those of block means; for
+        the difference, of paired blocks.
         """
         measured, predicted = (
             block_means(self._compared_values(values)) for values in (self.measured, self.windowed)
@@ -169,18 +169,18 @@ class ValidationRecord:
     def explained(self) -> Estimate:
         """Share of the first output's variance that the model explains, in windows.
 
-        Its error comes from means of blocks. It is 0 or less of a model that explains nothing.
+        Its error is that of block means. It is at most 0 if the model explains nothing.
         """
         return self._explained(self.measured[:, :1] - np.mean(self.measured[:, 0]), 1)
 
     def _explained(self, measured, outputs):
         """Share of the mean square of measured values that the model explains."""
-        left = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
+        squares = np.sum(self.residuals[:, :outputs] ** 2, axis=1)
         seen = np.sum(measured**2, axis=1)
-        return mean_of(block_means(seen - left) / float(np.mean(seen)))
+        return mean_of(block_means(seen - squares) / float(np.mean(seen)))
 
     def free_power(self) -> Estimate:
-        """Mean power (or square) of a run from one start, which may part from the measured path."""
+        """Mean power (or square) of a run from one start, which may leave the measured path."""
         return mean_of(block_means(self._compared_values(self.free)))
 
     def _compared_values(self, values):
@@ -195,10 +195,10 @@ class ValidationRecord:
 
     @property
     def shows_motion(self) -> bool:
-        """Whether the model explains more than chance, or leaves more than noise.
+        """Whether the model explains more than chance, or its residuals exceed noise.
 
-        The starts of the windows are fitted to this part: of white noise, each of their states
-        explains as much as one sample has.
+        The starts of the windows are fitted to this part: in white noise, each of their states
+        explains as much as one sample contains.
         """
         explained = self.explained()
         chance = FITTED_STATES * self.windows / len(self.measured)
@@ -208,12 +208,12 @@ class ValidationRecord:
 
     @property
     def worst(self) -> Unexplained:
-        """Output with the largest residual beyond noise; outputs that are not noise come first."""
+        """Output with the largest residual in excess of noise; unexplained outputs come first."""
         return max(self.unexplained, key=lambda part: (not part.is_noise, part.beyond, part.left))
 
     @property
     def is_explained(self) -> bool:
-        """Whether only the sensors' noise is left of every output."""
+        """Whether the residuals of every output are only the sensors' noise."""
         return all(part.is_noise for part in self.unexplained)
 
 
@@ -235,13 +235,13 @@ class ResponseRecord(ValidationRecord):
     compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
 
     def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the residuals over the response's, both parts together."""
+        """Root mean square of the residuals relative to the response's, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
     def noise(self, output: int = 0) -> float:
-        """Noise of an output, as a share of its standard deviation.
+        """Noise of an output, relative to its standard deviation.
 
-        A wrong model misses the few lines of the resonance, which the median does not see.
+        It is a median, which ignores the few lines at the resonance that a wrong model misses.
         """
         size = NORMAL_RMS * float(np.median(np.abs(self.residuals[:, output])))
         return size / float(np.std(self.measured[:, output]))
@@ -254,11 +254,11 @@ class ResponseRecord(ValidationRecord):
         return np.sum(values**2, axis=1)
 
     def judged(self) -> ResponseRecord:
-        """The record with its residuals."""
-        left, noise = self.nrmse(), self.noise()
-        beyond = math.sqrt(max(left**2 - min(noise, MOST_NOISE) ** 2, 0.0))
+        """The record with its residuals evaluated."""
+        residual, noise = self.nrmse(), self.noise()
+        beyond = math.sqrt(max(residual**2 - min(noise, MOST_NOISE) ** 2, 0.0))
         is_noise = beyond <= UNNOTICED_IN_RESPONSE
-        part = Unexplained(self.quantity, left, noise, beyond, math.nan, is_noise)
+        part = Unexplained(self.quantity, residual, noise, beyond, math.nan, is_noise)
         return replace(self, unexplained=(part,))
 
 
@@ -274,7 +274,7 @@ class ImpedanceRecord(ResponseRecord):
         return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
 
     def noise(self, output: int = 0) -> float:
-        """Noise of the analyser, as relative error of Z: both outputs together."""
+        """Noise of the analyser as relative error of Z, both outputs together."""
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
 
@@ -284,27 +284,26 @@ class ImpedanceRecord(ResponseRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class WholeRecord(ValidationRecord):
-    """A record that no fit used, without its first part, run from one start.
+    """A record that no fit used, without its first part, simulated from one start.
 
     Attributes
     ----------
     outside : str
-        Why the prediction is not claimed; empty where it is: one orbit for all likely values,
-        within the range of the fitted records.
+        Reason why the prediction is not claimed, else empty. A claimed prediction has one orbit for
+        all sets of values, in the range of the fitted records.
     left : float
-        rms of the first output's residuals in windows, beyond noise, as a share of its standard
+        rms of the first output's residuals in windows, in excess of noise, relative to its standard
         deviation.
     limit : float
-        Largest `left` of a record of the fitted device.
+        Maximum `left` of a record of the fitted device.
     agreement : float
-        Share of the likely values whose runs have the predicted orbit.
+        Share of the sets of values whose runs have the predicted orbit.
     rms_unit : str
         Unit of the first output; empty in a scaled scene.
     predicted_rms, predicted_power : Estimate
-        Predictions of the run, with the errors of the values and of the fitted records.
+        Predictions of the run, with errors due to the values and the fitted records.
     own : dict of str to Estimate
-        Values estimated from this record, with the errors from its residuals and from the other
-        values.
+        Values estimated from this record, with errors from its residuals and from the other values.
     """
 
     outside: str
@@ -322,12 +321,12 @@ class WholeRecord(ValidationRecord):
 
     @property
     def claimed(self) -> bool:
-        """Whether the model's range of validity covers this record."""
+        """Whether the model's range of validity includes this record."""
         return not self.outside
 
     @property
     def follows(self) -> bool:
-        """Whether so little is left that the record may be of the fitted device."""
+        """Whether the residual is small enough for a record of the fitted device."""
         return self.left <= self.limit
 
     @property
@@ -337,7 +336,7 @@ class WholeRecord(ValidationRecord):
 
     @property
     def holds(self) -> bool:
-        """Whether the measurement lies within the prediction: the orbit, rms and power."""
+        """Whether the measured orbit, rms and power agree with the prediction."""
         return (
             self.measured_orbit == self.predicted_orbit
             and _within(self.measured_rms, self.predicted_rms)
@@ -355,12 +354,12 @@ class WholeRecord(ValidationRecord):
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
             )
         )
-        own = self.own.items() if self.follows else ()
-        values = ", ".join(f"{key} = {_text(value, '')}" for key, value in own)
+        fitted_values = self.own.items() if self.follows else ()
+        values = ", ".join(f"{key} = {_text(value, '')}" for key, value in fitted_values)
         return (
-            f"{self.name}, kept aside: {claim}, {outcome}; measured {measured}; predicted "
-            f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
-            f"{f', with {values}, found in this record' if values else ''}"
+            f"{self.name}, validation record: {claim}, {outcome}; measured {measured}; predicted "
+            f"{expected} (this orbit in {self.agreement:.0%} of the runs with likely values)"
+            f"{f', with {values}, fitted to this record' if values else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -380,12 +379,12 @@ class WholeRecord(ValidationRecord):
 
 
 def _text(value, unit):
-    """An estimate as text with half of its 95 % interval."""
+    """An estimate with half its 95 % interval, as text."""
     return with_error(replace(value, standard_error=HALF_INTERVAL * value.standard_error), unit)
 
 
 def block_means(values: np.ndarray) -> np.ndarray:
-    """Means of a series in the blocks whose scatter gives an error bar, shape (blocks,)."""
+    """Means of a series in the blocks whose scatter gives error bars, shape (blocks,)."""
     return np.array([np.mean(part) for part in np.array_split(values, min(BLOCKS, values.size))])
 
 
@@ -401,14 +400,14 @@ def root_mean_square(values: np.ndarray) -> Estimate:
 
 
 def _within(measured: Estimate, expected: Estimate) -> bool:
-    """Whether a measured value lies within its prediction's 95 % interval."""
+    """Whether a measured value is within its prediction's 95 % interval."""
     error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
     difference = measured.estimate - expected.estimate
     return math.isfinite(difference) and not differ(difference, error, sigmas=HALF_INTERVAL)
 
 
 def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
-    """What a device with a fit's values does in the fit's windows of one record."""
+    """Predict one record with a fit's values, in the fit's windows."""
     responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
     experiment = responses.experiments[number]
     measurement, scene = experiment.measurement, experiment.scene
@@ -426,7 +425,7 @@ def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationR
 
 
 def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
-    """Predictions of the validation lines of a response or an impedance."""
+    """Predict the validation lines of a response or an impedance."""
     measurement: Any = responses.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
@@ -466,9 +465,9 @@ def noise_floor(values: np.ndarray, rate: float) -> float:
 def drawn_base_noise(
     shooting: Shooting, fit: ShootingFit, number: int, random: np.random.Generator, draws: int
 ) -> np.ndarray:
-    """Weighted residuals from noise of the base's sensor, shape (samples, outputs, draws).
+    """Weighted residuals due to noise of the base's sensor, shape (samples, outputs, draws).
 
-    The noise is as large as the floor of the record's spectrum.
+    The noise has the power of the floor of the record's spectrum.
     """
     measurement = shooting.responses.experiments[number].measurement
     base, rms = measurement.acceleration, float(np.std(measurement.acceleration))
@@ -490,9 +489,9 @@ class Whiteness:
     correlations : ndarray, shape (lags,)
         Autocorrelations from lag 1 on.
     bound : float
-        Limit within which white residuals' correlations stay at 95 % of the lags.
+        Limit of white residuals' correlations at 95 % of the lags.
     probability : float
-        Probability of a sum of squares as large as this for white residuals (Ljung and Box).
+        Probability that white residuals have at least this sum of squares (Ljung and Box).
     """
 
     correlations: np.ndarray
@@ -501,19 +500,19 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
-        """Whether nothing speaks against white residuals: a false alarm in a thousand."""
+        """Whether the residuals are compatible with white noise (false alarms: one in 1000)."""
         return self.probability > 1e-3
 
 
 def autocorrelations(values: np.ndarray, lags: int) -> np.ndarray:
-    """Autocorrelations of a series from lag 1 on; 0 of a constant."""
+    """Autocorrelations of a series from lag 1 on; 0 for a constant."""
     spectrum = np.abs(np.fft.rfft(values - values.mean(), 2 * values.size)) ** 2
     series = np.fft.irfft(spectrum)[: lags + 1]
     return series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
 
 
 def _whiteness(residuals, per_period):
-    """Autocorrelation of residuals at all lags up to a period, which is given in samples."""
+    """Autocorrelation of residuals at lags up to one period, which is `per_period` samples."""
     from scipy.stats import chi2
 
     n = residuals.size
@@ -524,13 +523,13 @@ def _whiteness(residuals, per_period):
 
 
 def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
-    """A prediction with what is left of each output.
+    """A prediction with the residual of each output.
 
-    `shooting` has the starts of `fit`'s windows as its only unknowns.
+    The only unknowns of `shooting` are the starts of `fit`'s windows.
     """
     record, table = prediction(shooting, fit, number), shooting.jacobian(fit, number)[0]
     if table is None:
-        # The device diverges: nothing is explained.
+        # The device diverges, so nothing is explained.
         parts = [
             Unexplained(name, math.inf, 0.0, math.inf, math.nan, False) for name in record.outputs
         ]
@@ -538,19 +537,19 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
     measurement = shooting.responses.experiments[number].measurement
     edges, noise, parts = fit.edges[number], fit.noise[number], []
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
-    left, starts = table[..., -1], table[..., :-1]
+    residuals, starts = table[..., -1], table[..., :-1]
     drawn = without_states(_drawn(shooting, fit, number, record.measured), starts, cuts)
-    simulated = left * noise + record.measured
+    simulated = residuals * noise + record.measured
     for output, name in enumerate(record.outputs):
         columns = _signals(measurement, inside, simulated[:, output])
         alone = np.zeros((*record.measured.shape, columns.shape[1]))
         alone[:, output] = columns
         signals = without_states(alone, starts, cuts)[:, output]
         spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
-        explained, ratio = _regressed(left[:, output], signals, spectrum)
+        explained, ratio = _regressed(residuals[:, output], signals, spectrum)
         unit = float(noise[output] / np.std(record.measured[:, output]))
         rms, drawn_rms, systematic = (
-            unit * _rms(left[:, output]),
+            unit * _rms(residuals[:, output]),
             unit * _rms(drawn[:, output]),
             unit * explained,
         )
@@ -571,9 +570,9 @@ def _drawn(shooting, fit, number, measured):
 
 
 def _signals(measurement, inside, simulated):
-    """Signals that a wrong model would leave in an output's residuals, shape (samples, signals)."""
-    places = np.arange(measurement.acceleration.size)
-    integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0][inside]
+    """Signals typical of a wrong model's residuals in an output, shape (samples, signals)."""
+    positions = np.arange(measurement.acceleration.size)
+    integral = integrals(measurement.acceleration, measurement.sampling_rate, positions)[0][inside]
     base, moved = measurement.acceleration[inside], simulated - simulated.mean()
     slope = np.gradient(moved)
     signals = [moved, slope, base, integral, moved**2, moved**3, moved**2 * slope]
@@ -581,10 +580,10 @@ def _signals(measurement, inside, simulated):
     return columns / np.maximum(columns.std(axis=0), 1e-300)
 
 
-def _regressed(left, signals, spectrum):
-    """rms of the part of residuals that signals explain, and its F, with weights by a spectrum."""
+def _regressed(residuals, signals, spectrum):
+    """rms of the part of the residuals that signals explain, and its F, weighted by a spectrum."""
     weights = 1.0 / np.sqrt(np.maximum(spectrum, 1e-12 * spectrum.max()))
-    seen = np.fft.rfft(left) * weights
+    seen = np.fft.rfft(residuals) * weights
     columns = np.fft.rfft(signals, axis=0) * weights[:, None]
     flat = np.concatenate([columns.real, columns.imag])
     coefficients, _, rank, _ = np.linalg.lstsq(
@@ -598,7 +597,7 @@ def _regressed(left, signals, spectrum):
 
 
 def _smooth(spectrum):
-    """A spectrum averaged over neighbouring lines."""
+    """Average a spectrum over adjacent lines."""
     padded = np.pad(spectrum, LINES // 2, "edge")
     return np.convolve(padded, np.full(LINES, 1.0 / LINES), "valid")
 

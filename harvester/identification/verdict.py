@@ -1,22 +1,22 @@
-"""Whether a fitted model can be trusted: its validation records and its rivals decide.
+"""Decide whether a fitted model can be trusted, by its validation records and its rivals.
 
-The first line that applies gives the verdict; `RULES` has them in this order.
+The first matching condition determines the verdict; `RULES` has the same order.
 
 | condition | verdict | advice |
 | --- | --- | --- |
 | no record shows a motion that the model explains beyond chance | nothing | measure again |
-| a rival is better by three standard errors, and leaves only noise | wrong | take the rival |
-| more than noise is left of a record, in size or by regression | incomplete | find the part |
+| a rival is better by three standard errors, and leaves only noise | wrong | use the rival |
+| residuals of a record exceed noise, in size or by regression | incomplete | find the part |
 | the records need a further term of the spring | incomplete | free it |
 | the records need another gain, mass or load | incomplete | calibrate, or free it |
 | a validation record contradicts a claimed prediction | incomplete | find the part |
 | a validation record cannot be followed even in windows | incomplete | free its own value |
-| a further term of the spring would leave its values uncertain | fits | larger motions |
-| none of these | predicts | use it within the visited range |
+| a further term of the spring would make its values uncertain | fits | larger motions |
+| none of these | predicts | use it in the covered range |
 
-The residual of a record is its validation data less the prediction. It is noise if its
-size is at most `TOO_LARGE` times a correct model's, and its regression on the motion has
-found nothing (`validation_record`). Records are judged one by one: none excuses another.
+A record's residual is its validation data minus the prediction. It is noise if its size is at most
+`TOO_LARGE` times a right model's, and its regression on the motion is not significant
+(`validation_record`). Every record is tested separately.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ class FitEvidence:
     records : sequence of ValidationRecord
         Validation records of the fitted measurements, with their residuals.
     rivals : sequence of Rival
-        The scene's own model first.
+        All models, the scene's own first.
     spring : NextPower or None
-        The model compared with one with the spring's next power.
+        Comparison with the model with the spring's next power.
     errors : dict of str to float
         Relative standard error of each fitted value.
     assumptions : sequence of Assumption
-        Assumed gains and values, and the effect of an error of them.
+        Assumed gains and values, with the effects of their errors.
     whole : sequence of WholeRecord
         Records that no fit used.
     visited : Visited or None
-        Ranges that the records visited.
+        Ranges covered by the records.
     """
 
     records: Sequence[ValidationRecord]
@@ -71,7 +71,7 @@ class FitEvidence:
 
     @property
     def left(self) -> str:
-        """Text: the residual of the worst record, and the residual of noise alone."""
+        """Text on the residual of the worst record, and the residual of noise alone."""
         part = self.worst.worst
         return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
 
@@ -83,17 +83,17 @@ class FitEvidence:
 
 @dataclass(frozen=True)
 class FitVerdict:
-    """The judgement on the scene's model.
+    """The verdict on the scene's model.
 
     Attributes
     ----------
     word : str
-        "predicts"; "fits" if the records do not distinguish the spring from others; "wrong",
-        "incomplete", or "nothing" where there is nothing to judge by.
+        "predicts"; "fits" if the records do not distinguish the spring from others; "wrong";
+        "incomplete"; or "nothing" if there is no evidence.
     sentence : str
         The verdict, its range and its main caveat: at most 25 words.
     advice : str
-        What to do.
+        Recommended action.
     """
 
     word: str
@@ -102,12 +102,12 @@ class FitVerdict:
 
     @property
     def good(self) -> bool:
-        """Whether the model may be used as it is."""
+        """Whether the model may be used unchanged."""
         return self.word == "predicts"
 
 
 def verdict(evidence: FitEvidence) -> FitVerdict:
-    """The first of `RULES` whose condition holds."""
+    """The first of `RULES` whose condition is met."""
     rule, reason = next(
         (rule, reason) for rule in RULES if (reason := rule.condition(evidence)) is not None
     )
@@ -116,7 +116,7 @@ def verdict(evidence: FitEvidence) -> FitVerdict:
 
 
 class Rule(NamedTuple):
-    """One line of the table above; the condition gives its reason in words, or None."""
+    """A line of the table above; the condition returns its reason as text, or None."""
 
     condition: Callable[[FitEvidence], str | None]
     word: str
@@ -133,7 +133,7 @@ def _better_rival(evidence):
     if not evidence.rivals or not (best := proposed(evidence.rivals)).is_better:
         return None
     others = ", or another," if undecided(evidence.rivals) else ""
-    return f"{best.name}{others} leaves {best.fitted.nrmse:.2%} and is proposed"
+    return f"{best.name}{others} has a residual of {best.fitted.nrmse:.2%} and is proposed"
 
 
 def _unexplained(evidence):
@@ -141,13 +141,13 @@ def _unexplained(evidence):
         return None
     if not evidence.rivals[1:]:
         return ""
-    return "no rival model explains the rest"
+    return "no rival model explains the residual"
 
 
 def _needed_power(evidence):
     if evidence.spring is None or not evidence.spring.is_needed:
         return None
-    return f"the records ask for a spring of power {evidence.spring.power}"
+    return f"the records need a spring of power {evidence.spring.power}"
 
 
 def _needed_assumption(evidence):
@@ -155,11 +155,11 @@ def _needed_assumption(evidence):
     if not needed:
         return None
     strongest = max(needed, key=lambda assumption: abs(assumption.significance))
-    return f"the records ask for {1.0 + strongest.change:.3g} times the {strongest.key}"
+    return f"the records need {1.0 + strongest.change:.3g} times the {strongest.key}"
 
 
 def _is_needed(evidence, assumption):
-    """Whether the records determine the assumed value, need another one, and it moves others."""
+    """Whether the records determine the assumed value, need another one, and it affects others."""
     moved = [
         abs(move * assumption.change) > HALF_INTERVAL * evidence.errors[key]
         for key, move in assumption.moves.items()
@@ -173,10 +173,10 @@ def _not_as_predicted(evidence):
 
 
 def _not_followed(evidence):
-    others = [record for record in evidence.whole if not record.follows]
-    if not others:
+    unfollowed = [record for record in evidence.whole if not record.follows]
+    if not unfollowed:
         return None
-    return f"the model misses {others[0].left:.0%} of {others[0].name} even in windows"
+    return f"the model misses {unfollowed[0].left:.0%} of {unfollowed[0].name} even in windows"
 
 
 def _uncertain_spring(evidence):
@@ -187,30 +187,30 @@ def _uncertain_spring(evidence):
 
 
 def _caveat(evidence):
-    """Text: the main caveat of a model that predicts."""
+    """Text on the main caveat of a model that predicts."""
     if evidence.whole:
         claimed = sum(record.claimed for record in evidence.whole)
-        held = ", and hold" if claimed else ""
-        return f"{claimed} of {len(evidence.whole)} records kept aside are claimed{held}"
+        held = " and agree" if claimed else ""
+        return f"{claimed} of {len(evidence.whole)} validation records are claimed{held}"
     if all(isinstance(record, ImpedanceRecord) for record in evidence.records):
-        return "that is small motion with the base clamped"
+        return "valid for small motion with the base clamped"
     if evidence.visited is None:
-        return "that is small motion"
+        return "valid for small motion"
     values = dependent(evidence).values()
     of_gains = sum(any(name.startswith("sensor.") for name in names) for names in values)
     if of_gains:
-        return f"{of_gains} values are only as right as the sensors' gains"
-    return "that holds within the visited range"
+        return f"{of_gains} values are only as accurate as the sensors' gains"
+    return "valid in the covered range"
 
 
 RULES = (
     Rule(
         _nothing,
         "nothing",
-        "measure with a stronger excitation; check that the columns belong together, the voltage's "
-        "polarity (sensor.voltage_scale=-1 after the file) and the units of a phase",
+        "measure with a stronger excitation; check that the columns are from one test, the "
+        "voltage's polarity (sensor.voltage_scale=-1 after the file) and the units of a phase",
     ),
-    Rule(_better_rival, "wrong", "look at the proposed scene, where the rival is written"),
+    Rule(_better_rival, "wrong", "see the rival in the proposed scene"),
     Rule(_unexplained, "incomplete", "look for a part or a sensor that the scene lacks"),
     Rule(_needed_power, "incomplete", "give the spring one more power"),
     Rule(_needed_assumption, "incomplete", "calibrate it, or free it (--free)"),
@@ -218,34 +218,34 @@ RULES = (
     Rule(
         _not_followed,
         "incomplete",
-        "it has another tilt, load or sensor: values that differ for one record are freed after "
+        "it has another tilt, load or sensor: values that differ in one record are freed after "
         "its file, such as oscillator.restoring_force[0]=free",
     ),
     Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
-    Rule(_caveat, "predicts", "use it within the range that the records visited"),
+    Rule(_caveat, "predicts", "use it in the range that the records cover"),
 )
 OPENINGS = {
-    "nothing": "nothing to judge: the model explains no more than chance",
+    "nothing": "no evidence: the model explains no more than chance",
     "wrong": "the model is wrong: it predicts {left}",
     "incomplete": "the model is wrong or incomplete: it predicts {left}",
     "fits": "the model fits {left}",
     "predicts": "the model predicts {left}",
 }
-# A fitted value depends on a known one whose error, as far as the records leave it open, moves it
-# by more than this share of its error: below, an error that is not yet `CERTAIN` moves it by two
-# standard errors.
+# A fitted value depends on an assumed one if the error of the latter, as far as the records leave
+# it open, changes it by more than this share of its error. Otherwise an error that is not yet
+# `CERTAIN` changes it by at most two standard errors.
 DEPENDS = 0.5
-# Records determine an assumed value if its relative standard error, were it free, is below this: a
-# right set whose gain is open by 88 % asked for five of its standard errors, which is no change to
-# first order.
+# Records determine an assumed value if its relative standard error, were it free, is below this. A
+# right set whose gain was uncertain by 88 % needed five of its standard errors, which is not a
+# first-order change.
 TOLD = 0.1
-# Standard errors from which on records need another known value. There are several known values,
-# and noise of the base's sensor biases them: a right set had 3.0 for its mass.
+# Number of standard errors from which records need another assumed value. There are several assumed
+# values, and noise of the base's sensor biases them: a right set had 3.0 for its mass.
 CERTAIN = 4.0
 
 
 def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
-    """Gains and other known values that each fitted value is only as right as, by its key."""
+    """Gains and other assumed values on whose accuracy each fitted value depends, by key."""
     mixed: dict[str, list[str]] = {}
     for assumption in evidence.assumptions:
         for key, move in assumption.moves.items():
@@ -255,7 +255,7 @@ def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
 
 
 def _label(evidence, assumption):
-    """Name of an assumed value, with its records unless it holds for all."""
+    """Name of an assumed value, with its records unless it applies to all."""
     if len(assumption.records) == len(evidence.records):
         return assumption.key
     return f"{assumption.key} of {', '.join(assumption.records)}"
@@ -265,10 +265,10 @@ def findings(evidence: FitEvidence) -> list[str]:
     """Evidence for the verdict: one sentence for each record, assumption and rival."""
     lines = []
     if evidence.visited:
-        lines.append(f"visited: {evidence.visited.ranges}")
+        lines.append(f"covered ranges: {evidence.visited.ranges}")
         lines.append(f"extrapolated: {', '.join(evidence.visited.extrapolated)}")
     for record in evidence.records:
-        lines += [_left(record, part) for part in record.unexplained]
+        lines += [_residual_line(record, part) for part in record.unexplained]
         lines.append(_power(record))
     mixed = {name for names in dependent(evidence).values() for name in names}
     lines += [str(entry) for entry in evidence.assumptions if _label(evidence, entry) in mixed]
@@ -276,12 +276,12 @@ def findings(evidence: FitEvidence) -> list[str]:
     if spring and spring.is_needed:
         lines.append(
             f"a term of power {spring.power} of the spring, which the records need by "
-            f"{abs(spring.significance):.1f} standard errors, moves its values by up to "
+            f"{abs(spring.significance):.1f} standard errors, changes its values by up to "
             f"{max(spring.moves.values()):.0%}"
         )
     if spring:
         lines += [
-            f"with a term of power {spring.power} too, which the records do not exclude, they give "
+            f"with a term of power {spring.power}, which the records do not exclude, they give "
             f"{_name(key)} to {_share(half)} (95 %)"
             for key, half in spring.uncertain.items()
         ]
@@ -289,16 +289,18 @@ def findings(evidence: FitEvidence) -> list[str]:
     if claimed := [record for record in evidence.whole if record.claimed]:
         held = sum(record.holds for record in claimed)
         rms = [record.predicted_rms for record in claimed]
-        widths = [HALF_INTERVAL * (one.standard_error or 0.0) / one.estimate for one in rms]
+        widths = [
+            HALF_INTERVAL * (estimate.standard_error or 0.0) / estimate.estimate for estimate in rms
+        ]
         lines.append(
-            f"it claims {len(claimed)} of {len(evidence.whole)} records kept aside, and {held} of "
-            f"those lie within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"
+            f"it claims {len(claimed)} of {len(evidence.whole)} validation records, and {held} of "
+            f"them agree within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"
         )
     return lines + _rival_lines(evidence.rivals)
 
 
 def _rival_lines(rivals):
-    """Residual of each rival, or the reason why it was not tried."""
+    """Residual of each rival, or the reason why it was not fitted."""
     best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
     lines: list[str] = []
     untried: dict[str, list[str]] = {}
@@ -312,20 +314,20 @@ def _rival_lines(rivals):
         elif rival in equal:
             end = "as good as the proposed one"
         lines.append(
-            f"rival {rival.name}: {len(rival.fitted.keys)} values, leaves {rival.fitted.nrmse:.2%}"
-            f" NRMSE, {end}"
+            f"rival {rival.name}: {len(rival.fitted.keys)} values, residual "
+            f"{rival.fitted.nrmse:.2%} NRMSE, {end}"
         )
     return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
 
 
-def _left(record, part):
+def _residual_line(record, part):
     text = f"{record.name}, {record.aside}: {part.output} NRMSE {part.left:.2%}, {part.noise:.2%} "
-    followed = f"; {part.systematic:.2%} follow from the motion" if record.long else ""
+    followed = f"; {part.systematic:.2%} depend on the motion" if record.long else ""
     return f"{text}is noise{followed}{'' if part.is_noise else ': more than noise'}"
 
 
 def _power(record):
-    """Text: predicted against measured power of one record."""
+    """Text on predicted and measured power of one record."""
     measured, predicted, difference = record.powers()
     name, unit = record.compared
     text = (
@@ -333,12 +335,12 @@ def _power(record):
         f"{with_error(predicted, unit)}, difference {share_with_error(difference)}"
     )
     if record.windows > 1:
-        text += f"; from one start alone {with_error(record.free_power(), unit)}"
+        text += f"; from one start {with_error(record.free_power(), unit)}"
     return text
 
 
 def _share(half):
-    """Text: half of a relative interval."""
+    """Half of a relative interval as text."""
     return f"± {half:.0%}" if half < 1.0 else "not at all"
 
 

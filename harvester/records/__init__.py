@@ -1,14 +1,15 @@
-"""Measured files: columns with units and a time base, for every reader of measurements.
+"""Read measured files: columns with units and a time base.
 
-A file becomes even samples in five steps:
+A file is converted to evenly spaced samples in five steps:
 
-    file ──> bytes, SHA-256      `formats.read_content`: plain files of a sane size
+    file ──> bytes, SHA-256      `formats.read_content`: regular files of limited size
          ──> Table               `formats.read_table`: the module of the file's format
          ──> MeasuredFile        `columns`: a heading gives each column's quantity and unit
          ──> values in SI        `columns`: the column of a quantity, its unit, scale and offset
          ──> even samples        `time_base`: rate or time stamps; `samples`: gaps, clipping
 
-The callers say which quantities they need: the excitation by a record (`excitation.recorded`), the
-records, responses and impedances of `identify` (`identification.measurement`,
+Callers request quantities: the excitation by a record (`excitation.recorded`), the records,
+responses and impedances of `identify` (`identification.measurement`,
+`identification.measured_response`), and files of points (`scene.force_file`).
 `identification.measured_response`), and files of points (`scene.force_file`).
 """

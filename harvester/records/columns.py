@@ -1,4 +1,4 @@
-"""Columns of a measured file: chosen by quantity, name or number, with their units and times."""
+"""Columns of a measured file, selected by quantity, name or number, with their units and times."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from harvester.records.quantities import (
 )
 
 SHOWN_NAMES = 12
-# Quantities that may be measured as volts or counts, which a scale and an offset convert.
+# Quantities that may be measured in volts or counts and converted by a scale and an offset.
 SCALABLE = ("acceleration", "voltage", "displacement", "velocity")
-# Quantities that have their own units in a scaled scene, too.
+# Quantities that have units even in a scaled scene.
 UNSCALED = ("time", "frequency", "phase")
 # Spellings of "no unit" in scaled scenes.
 UNITLESS = (None, "", "scaled", "1")
-# Largest factor between the mean rate of a time column and another rate. The second applies to
-# records that may be brought to another rate.
+# Maximum ratio between the mean rate of a time column and a stated rate; the second applies to
+# records that may be resampled.
 RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 
 def setting_of(key: str, quantity: str) -> str:
-    """The setting after a file on a command line for a quantity's "column", "unit" or "scale"."""
+    """Command-line setting after a file that gives a quantity's "column", "unit" or "scale"."""
     if not quantity:
         return f"{key}=HZ"
     return f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
@@ -42,11 +42,11 @@ def setting_of(key: str, quantity: str) -> str:
 class MeasuredFile:
     """A file's columns with the quantities and units of their headings.
 
-    `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
-    of each column of a table of points; empty: any, as the headings say. `setting`: the name, for
-    messages, of the setting that gives a quantity's "column", "unit" or "scale", or (with "" as the
-    quantity) the "sampling_rate"; `behind`: its source, for messages. Raises SceneError if it is no
-    record.
+    `file`: the file's name, used in messages; its suffix selects the format. `expected`: quantity
+    of each column of a table of points; empty: from the headings. `setting`: function that returns
+    the name, for messages, of the setting for a quantity's "column", "unit" or "scale", or (with
+    the quantity "") the "sampling_rate". `behind`: the setting's source, for messages. Raises
+    SceneError if the file is not a record.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class MeasuredFile:
         The file's name in messages.
     table : harvester.records.table.Table
     headings : list of harvester.records.quantities.Heading
-        Heading of each column; without a title where the file has no names.
+        Heading of each column; without a title if the file has no names.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class MeasuredFile:
         names = self.table.names
         quantities = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [heading(*pair) for pair in zip(names, quantities, strict=True)]
-        # A unit in a separate row takes precedence over one in the heading.
+        # A unit in a separate row takes precedence over a unit in the heading.
         for index, unit in enumerate(self.table.units):
             if unit:
                 title, _, quantity = self.headings[index]
@@ -81,9 +81,9 @@ class MeasuredFile:
         self._columns: dict[int, np.ndarray] = {}
 
     def take(self, indices: Sequence[int]) -> list[np.ndarray]:
-        """The columns at `indices`, each of shape (n,), as the file has them. Raises SceneError.
+        """Return the columns at `indices`, each of shape (n,), with the file's values.
 
-        Columns that are taken together are read in one pass.
+        Columns that are requested together are read in one pass. Raises SceneError.
         """
         missing = [index for index in indices if index not in self._columns]
         if missing:
@@ -92,9 +92,9 @@ class MeasuredFile:
         return [self._columns[index] for index in indices]
 
     def of(self, quantity: str) -> list[int]:
-        """Indices of the columns of numbers whose headings name a quantity.
+        """Indices of the numeric columns whose headings name a quantity.
 
-        Columns of sample numbers are times only if there is no other.
+        Sample numbers count as times only if there is no other time column.
         """
         columns = [
             index
@@ -109,11 +109,11 @@ class MeasuredFile:
     def column(
         self, quantity: str, stated: str | int | None, candidates: Sequence[int] | None = None
     ) -> int | None:
-        """Index of a quantity's column: the stated one, else the only candidate, else None.
+        """Index of a quantity's column: the stated column, else the only candidate, else None.
 
-        `stated`: the column's name, its title, or its number from 0. `candidates`: indices; None:
-        those whose headings name the quantity. Raises SceneError if there is no such column, or
-        several candidates.
+        `stated`: the column's name, title, or number from 0. `candidates`: indices; None: those
+        whose headings name the quantity. Raises SceneError if there is no such column, or several
+        candidates.
         """
         names, key = self.table.names, self.setting("column", quantity)
         if stated is None:
@@ -133,13 +133,13 @@ class MeasuredFile:
                 f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
             )
         if names[index] and not self.headings[index].unit:
-            # The setting names the quantity of a column whose title names none.
+            # If the title names no quantity, the setting determines it.
             self.headings[index] = heading(names[index], quantity)
         fault = ""
         if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
-            fault = "holds complex numbers, a frequency response, which identify reads"
+            fault = "contains complex numbers of a frequency response, which only identify reads"
         elif index in self.table.texts and not np.isfinite(*self.take([index])).any():
-            fault = "holds words and no numbers"
+            fault = "contains texts instead of numbers"
         if fault:
             raise SceneError(
                 f"{self.where}: {quantity}: {self.label(index)} {fault}: name another column by "
@@ -148,7 +148,7 @@ class MeasuredFile:
         return index
 
     def stated(self, text: str | None) -> tuple[str | int | None, str | None]:
-        """Name or number of a column, and its unit, from a text COLUMN:UNIT or COLUMN."""
+        """Parse COLUMN:UNIT or COLUMN into the column's name or number, and the unit."""
         if text is None:
             return None, None
         names = self.table.names
@@ -164,9 +164,9 @@ class MeasuredFile:
         settings: Mapping[str, str],
         candidates: Callable[[MeasuredFile, str], Sequence[int]],
     ) -> dict[str, tuple[int, str | None]]:
-        """Index and stated unit of the column of each quantity that the file has.
+        """Index and stated unit of the column of each quantity that the file contains.
 
-        `settings`: texts COLUMN:UNIT or COLUMN by quantity; others are found by their headings,
+        `settings`: texts COLUMN:UNIT or COLUMN by quantity. Other quantities are found by headings
         among the `candidates`. Raises SceneError.
         """
         stated = {quantity: self.stated(settings.get(quantity)) for quantity in quantities}
@@ -174,14 +174,14 @@ class MeasuredFile:
         return {q: (index, stated[q][1]) for q, index in indices.items() if index is not None}
 
     def listed(self) -> str:
-        """The columns' names, or their numbers."""
+        """The columns' names, or their numbers, as text."""
         names = self.table.names
         ellipsis = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
         shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name)
         return shown_names + ellipsis if shown_names else f"0 … {len(names) - 1}"
 
     def label(self, index: int) -> str:
-        """A column in messages: its name, or its number."""
+        """A column's name or number, for messages."""
         name = self.table.names[index]
         return f"column {named(name) if name else index}"
 
@@ -194,19 +194,19 @@ class MeasuredFile:
         raw: bool = False,
         hint: str = "",
     ) -> str:
-        """Unit of a column in its usual spelling, by its heading or as stated, which must agree.
+        """Usual spelling of a column's unit from its heading or `stated`, which must agree.
 
-        `scaled`: scene and columns are scaled: without units ("") except of time,
-        frequency and phase. `raw`: a scale is given: the heading's unit belongs to the raw column
-        and the stated unit to the scaled values. `hint`: for messages.
-        "" for a time without a unit. Raises SceneError.
+        `scaled`: scene and columns are scaled, and only time, frequency and phase have units.
+        `raw`: a scale is given; the heading's unit is that of the raw column, the stated unit that
+        of the scaled values. `hint`: for messages.
+        Returns "" for a time without a unit. Raises SceneError.
         """
         key, written = self.setting("unit", quantity), self.headings[index].unit
         usual, label = unit_named(quantity, written), f"{self.where}: {self.label(index)}"
         if scaled and quantity not in UNSCALED and (usual or stated not in UNITLESS):
             raise SceneError(
-                f"{label} is in {named(written or stated)}, and a scene with units = "
-                '"scaled" takes scaled values: take one with units = "SI", or another column'
+                f"{label} is in {named(written or stated)}, but a scene with units = "
+                '"scaled" takes scaled values: use units = "SI", or another column'
             )
         if scaled and stated in UNITLESS:
             stated = None
@@ -222,7 +222,7 @@ class MeasuredFile:
             if usual and factors[usual] != factors[unit]:
                 raise SceneError(
                     f"{where} = {shown(stated)}: the heading of {self.label(index)} says "
-                    f"{named(written)}: leave the unit out, or correct the one that is wrong"
+                    f"{named(written)}: omit the unit, or correct the heading"
                 )
         scalable = quantity in SCALABLE and not self._expected
         if written and not usual and (not stated or scalable or self._expected):
@@ -251,18 +251,18 @@ class MeasuredFile:
     ) -> tuple[np.ndarray | None, float | None]:
         """Times (s after the first, shape (n,)) or None, and the sampling rate (Hz) or None.
 
-        A rate that is stated, one of the file, and one of the only time column must agree. A time
-        column is read if it is stated, if there is no rate, or `always`. A stated column goes
-        before the rate of the file.
+        A stated rate, the file's rate and that of the only time column must agree. A time column is
+        read if it is stated, if there is no rate, or `always`. A stated column takes precedence
+        over the file's rate.
 
         `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of other
-        columns that are to be read in the same pass. Raises SceneError.
+        columns to be read in the same pass. Raises SceneError.
         """
         key, file_rate = self.setting("sampling_rate", ""), self.table.rate
         name = key.partition("=")[0]
         if rate and file_rate and not np.isclose(rate, file_rate, rtol=1e-6):
             raise SceneError(
-                f"{self.where}: {name} = {rate:g}: the file says {file_rate:g} Hz: leave it out"
+                f"{self.where}: {name} = {rate:g}: the file states {file_rate:g} Hz: omit it"
             )
         stated, rate = rate is not None, file_rate if rate is None else rate
         says = f"{name} = {rate:g}" if stated else f"the file's sampling rate = {rate or 0.0:g}"
@@ -271,14 +271,14 @@ class MeasuredFile:
         index = self.column("time", column, clocks) if needed else None
         if index is None and unit is not None:
             raise SceneError(
-                f"{self.where}: {self.setting('unit', 'time')} = {shown(unit)}: no column of times "
+                f"{self.where}: {self.setting('unit', 'time')} = {shown(unit)}: no time column "
                 f"is read: name it by {self.setting('column', 'time')}"
             )
         if index is None and rate is None:
             words = [k for k in self.table.texts if self.headings[k].quantity == "time"]
             cause = "no heading names a time"
             if words:
-                cause = f"{self.label(words[0])} holds neither numbers nor time stamps"
+                cause = f"{self.label(words[0])} contains neither numbers nor time stamps"
             raise SceneError(
                 f"{self.where}: {name} is missing (Hz), and {cause}: give {key}, "
                 f"or the time column by {self.setting('column', 'time')}{self._behind}"
@@ -288,7 +288,7 @@ class MeasuredFile:
         clock = clocks[0] if index is None else index
         numbers = self.take([*beside, clock])[-1]
         if index is None:
-            # A column without a unit may have any unit, including samples.
+            # A column without a unit may have any time unit, including samples.
             written = self.headings[clock].unit
             units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
         else:
@@ -301,35 +301,34 @@ class MeasuredFile:
             rates = [_other_rate(times, rate, factor) for times in columns]
             if rates and all(rates):
                 raise SceneError(
-                    f"{self.where}: {says}: {self.label(clock)} says {rates[0]:.6g} Hz: leave "
+                    f"{self.where}: {says}: {self.label(clock)} gives {rates[0]:.6g} Hz: omit "
                     f"{name} out, give the column's unit, or name it by "
                     f"{self.setting('column', 'time')} to read the rate from it"
                 )
         return None if index is None else columns[0], rate
 
     def _seconds(self, numbers, index, unit, rate, key):
-        """A column of times in a unit as seconds after the first; sample numbers need a rate."""
+        """Convert a time column to seconds after the first time; sample numbers need a rate."""
         if unit == SAMPLES and rate is None:
             raise SceneError(
-                f"{self.where}: {self.label(index)} counts samples, and their rate is not known: "
-                f"give {key}{self._behind}"
+                f"{self.where}: {self.label(index)} contains sample numbers, but "
+                f"the sampling rate is unknown: give {key}{self._behind}"
             )
         finite = np.flatnonzero(np.isfinite(numbers))
-        # The first time is subtracted before scaling, so that the milliseconds of an epoch are
-        # kept.
+        # The first time is subtracted before scaling, so that epoch times keep their milliseconds.
         with np.errstate(all="ignore"):
             since = numbers - numbers[finite[0]] if finite.size else numbers
             return since * (1.0 / rate if unit == SAMPLES else QUANTITIES["time"][unit])
 
 
 def _other_rate(times, rate, factor):
-    """The rate (Hz) of times where it differs from a rate by more than a factor, else None."""
+    """Rate (Hz) of `times` if its ratio to `rate` exceeds `factor`, else None."""
     steps = np.diff(times[np.isfinite(times)])
     rising = steps[steps > 0.0]
     span = float(steps.sum())
     if not rising.size or not np.isfinite(span):
         return None
-    # Time stamps in whole seconds give the time of many samples only to within a second.
+    # Time stamps in whole seconds give many samples' times only to within a second.
     unsure = float(rising.min()) if rising.size < steps.size else 0.0
     low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
     if low <= rate * factor and high >= rate / factor:

@@ -1,7 +1,8 @@
-"""Decimal marks and thousands separators of a text file's columns, by all values of each column.
+"""Infer decimal marks and thousands separators of a text file's columns from all values.
 
-"1,702" is 1.702 or 1702. A column's other values decide (0,5 has a decimal comma; 1,234,567 and
-742 next to 1,702 have a thousands separator), else the other columns; else the file is refused.
+"1,702" is 1.702 or 1702. The column's other values decide: 0,5 has a decimal comma, while 1,234,567
+or 742 next to 1,702 has a thousands separator. Otherwise other columns decide. If they do not, the
+file is rejected.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ GROUPED = {
     group: re.compile(rf"[+-]?[1-9]\d{{0,2}}(\{group}\d{{3}})+(\{decimal}\d*)?")
     for group, decimal in MARKS
 }
-# Thousands separators that are no decimal mark.
+# Numbers whose thousands separators cannot be decimal marks.
 APART = re.compile(r"[+-]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
 
 
@@ -25,8 +26,8 @@ def shape(text: str) -> str:
     Returns
     -------
     str
-        The mark and "+" where it separates thousands, "?" where it may, "d" where it is a decimal
-        mark; "mid" and "long" of whole numbers of three and of more digits without a mark.
+        The mark followed by "+" if it separates thousands, by "?" if it may, or by "d" if it is a
+        decimal mark; without a mark, "mid" for integers of three digits, "long" for longer ones.
     """
     text = text.strip()
     for group, decimal in MARKS:
@@ -42,27 +43,27 @@ def shape(text: str) -> str:
 
 
 def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, str]]:
-    """(decimal mark, thousands separator or "") of each column of numbers.
+    """(decimal mark, thousands separator or "") of each numeric column.
 
-    `rows`: the fields of each line in those columns. Raises ValueError if a column has two
-    readings, or contradicts itself or another.
+    `rows`: the fields of these columns by line. Raises ValueError if a column is ambiguous, or
+    contradicts itself or another.
     """
     shapes: list[dict[str, str]] = [{} for _ in range(width)]
     for fields in rows:
         for seen, text in zip(shapes, fields, strict=True):
-            # A column of decimals learns nothing from another.
+            # A column that certainly has decimals needs no information from other columns.
             if not (",d" in seen and "." not in text) and not (".d" in seen and "," not in text):
                 seen.setdefault(shape(text), text)
     for index, column in enumerate(shapes):
-        others = set(chain(*shapes[:index], *shapes[index + 1 :]))
-        yield _marks(column, others)
+        other_shapes = set(chain(*shapes[:index], *shapes[index + 1 :]))
+        yield _marks(column, other_shapes)
 
 
-def _marks(column, others):
+def _marks(column, other_shapes):
     for group, decimal in MARKS:
         mixed = {f"{group}?", "mid"} <= column.keys() and "long" not in column
         if f"{group}+" in column or (mixed and f"{group}d" not in column):
-            if f"{group}d" in column or f"{group}d" in others:
+            if f"{group}d" in column or f"{group}d" in other_shapes:
                 _refuse(column.get(f"{group}+") or column[f"{group}?"], group)
             return decimal, group
     for decimal, group in MARKS:
@@ -70,12 +71,12 @@ def _marks(column, others):
             return decimal, ""
         if f"{decimal}?" not in column:
             continue
-        # All values have three digits after the mark: the other columns decide.
-        if f"{group}d" in others and f"{decimal}d" not in others:
+        # If all values have three digits after the mark, the other columns decide.
+        if f"{group}d" in other_shapes and f"{decimal}d" not in other_shapes:
             return group, decimal
-        # A point alone is a decimal point, unless another column is as unsure of its comma.
-        unsure = decimal == "," or ",?" in others
-        if unsure and f"{decimal}d" not in others:
+        # A point is a decimal point, unless another column has an equally ambiguous comma.
+        unsure = decimal == "," or ",?" in other_shapes
+        if unsure and f"{decimal}d" not in other_shapes:
             _refuse(column[f"{decimal}?"], decimal)
         return decimal, ""
     return ".", ""
@@ -84,14 +85,14 @@ def _marks(column, others):
 def _refuse(text, mark):
     text = text.strip()
     raise ValueError(
-        f"{text} has two readings in it, {text.replace(mark, '')} and "
+        f"{text} is ambiguous: {text.replace(mark, '')} or "
         f"{text.replace(mark, '.')}: save it without thousands separators "
         "and with decimal points"
     )
 
 
 def ungrouped(text: str) -> str:
-    """A text that is certainly a number with thousands separators, without them; others as is."""
+    """Remove thousands separators if `text` certainly has them; return other texts unchanged."""
     if APART.fullmatch(text.strip()):
         return re.sub("['’\u00a0\u202f]", "", text).replace(",", ".")
     for group, decimal in MARKS:

@@ -1,4 +1,4 @@
-"""Measured files: their size, their format, and the reader of each format."""
+"""Size limits, formats and readers of measured files."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from harvester.base.registry import Registry
 from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
 from harvester.records.table import Format, Table
 
-# Formats by the ending of their files. Any other ending means a text, unless an installed package
-# has an entry point of its name. First bytes take precedence over the ending; LabVIEW's first bytes
-# alone select its format, as some .lvm files have no headers.
+# Formats by file suffix. Any other suffix means text, unless an installed package has an entry
+# point of that name. First bytes take precedence over the suffix. LabVIEW's format is selected by
+# its first bytes alone, as some .lvm files have no headers.
 FORMATS: Registry[Format] = Registry(
     "harvester.record_formats",
     {
@@ -31,11 +31,11 @@ FORMATS: Registry[Format] = Registry(
         "LabVIEW": lvm.FORMAT,
     },
 )
-# Share of the memory limit for the file itself; it is held a second time when decoded.
+# Share of the memory limit for the file; decoding holds it in memory twice.
 FILE_SHARE = 0.25
-# Memory per sample that reading and conditioning take, in bytes (92 were measured).
+# Memory for reading and conditioning, in bytes per sample (92 were measured).
 BYTES_PER_SAMPLE = 100
-# First bytes of files that are often mistaken for records, with advice.
+# First bytes of files that are often confused with records, with advice.
 UNPACK = "unpack it"
 EXPORT = "export the samples as .csv from the program that wrote it"
 FOREIGN = {
@@ -67,7 +67,7 @@ FOREIGN = {
 def read_content(file: str) -> tuple[bytes, str]:
     """(content, SHA-256) of a measured file.
 
-    Raises SceneError if it is no plain file, is too large, or cannot be read.
+    Raises SceneError if it is not a regular file, is too large, or cannot be read.
     """
     largest = int(min(format_of(file).largest, FILE_SHARE * memory_limit()))
     content = read_input(file, "record", largest)
@@ -75,32 +75,32 @@ def read_content(file: str) -> tuple[bytes, str]:
 
 
 def format_of(file: str, content: bytes = b"") -> Format:
-    """The format of a file, by its first bytes if any are given, else by its ending."""
+    """The format of a file, by its first bytes if known, else by its suffix."""
     starts = (kind for kind in FORMATS.values() if content.startswith(kind.starts))
     return next(starts, None) or FORMATS.get(Path(file).suffix.lower(), text.FORMAT)
 
 
 def most_samples() -> int:
-    """The largest number of samples of a record, by the memory that they take."""
+    """The largest number of samples of a record that fits into the allowed memory."""
     return memory_limit() // BYTES_PER_SAMPLE
 
 
 @contextlib.contextmanager
 def refused_as_record(where: str) -> Iterator[None]:
-    """Within the block, turn a reader's errors into a SceneError that names the file."""
+    """Convert a reader's errors within the block to SceneError with the file's name."""
     try:
         yield
     except ValueError as error:
         reason = named(" ".join(str(error).split()))
         if isinstance(error, UnicodeDecodeError):
-            reason = "it is no text in UTF-8: save it so"
+            reason = "it is not UTF-8 text: save it in UTF-8"
         raise SceneError(f"{where}: not a readable record: {reason}") from None
 
 
 def read_table(file: str, content: bytes) -> Table:
-    """A file's table by its reader.
+    """Read a file as a table by the reader of its format.
 
-    Raises ValueError if it is none, or has more samples than fit into memory.
+    Raises ValueError if it is not a table, or has more samples than fit into memory.
     """
     for start, (sort, cure) in FOREIGN.items():
         if content.startswith(start):
@@ -109,7 +109,7 @@ def read_table(file: str, content: bytes) -> Table:
         raise ValueError("it is empty")
     table = format_of(file, content).read(content)
     if not table.names or not table.rows:
-        raise ValueError("it holds no samples")
+        raise ValueError("it contains no samples")
     if table.rows > most_samples():
         raise ValueError(
             f"it has {table.rows} samples, and this machine's memory allows {most_samples()}: "

@@ -19,29 +19,29 @@ from harvester.records.table import (
     table_of_longest,
 )
 
-# Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
-# scale-offset, LZF); for others HDF5 would load a plug-in, which is code.
+# Built-in filters of HDF5 and h5py (deflate, shuffle, Fletcher's sum, szip, nbit, scale-offset,
+# LZF). For others HDF5 would load a plug-in, which is executable code.
 FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 # Largest number of objects in a file.
 MOST_OBJECTS = 10_000
 FILL_VALUES = {"_FillValue", "missing_value"}
 PACKING = FILL_VALUES | {"scale_factor", "add_offset", "valid_range", "valid_min", "valid_max"}
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
-# MATLAB writes the class of an array into this attribute, and its own data into these groups.
+# MATLAB stores an array's class in this attribute, and internal data in these groups.
 MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
 MATLAB_COMPLEX = ("real", "imag")
 NUMBER_CLASSES = ("double", "single", "int", "uint")
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
+    """Samples by column; names are the data sets' paths, `path.field` for compound types.
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
-    number named `fs`, `dt` or the like. Packed numbers and gaps follow the CF conventions
+    number named `fs`, `dt` or similar. Packed numbers and gaps follow the CF conventions
     (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_range`).
 
-    `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
-    Raises Unreadable if it holds no such array, or leads out of the file.
+    `content`: the whole file; external links, external data and plug-ins are rejected. Raises
+    Unreadable if it contains no such array, or refers to other files.
     """
     h5py = optional_library("h5py", "an HDF5 record", "loggers")
     broken = broken_file("HDF5 file of numbers", "save the samples as .csv or .npy")
@@ -56,7 +56,7 @@ def _table(h5py, file):
         for field in _number_fields(dataset)
     }
     shapes = {n: dataset.shape for n, (dataset, _) in arrays.items() if 0 not in dataset.shape}
-    # "seconds since 2026-03-01" are seconds.
+    # "seconds since 2026-03-01" is read as seconds.
     units = {
         name: _text_attribute(dataset, UNITS).partition(" since ")[0]
         for name, (dataset, _) in arrays.items()
@@ -76,12 +76,12 @@ def _table(h5py, file):
 
 
 def _number_fields(dataset):
-    """Fields of a data set that hold numbers; "" for the data set itself."""
+    """Names of a data set's numeric fields; "" for the data set itself."""
     # MATLAB's attribute distinguishes numbers from text.
     sort = _text_attribute(dataset, (MATLAB_CLASS,))
     if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
         return []
-    # MATLAB writes a complex number as two fields; h5py has a type for it.
+    # MATLAB stores a complex number as two fields; h5py has a type for it.
     names = dataset.dtype.names
     if names == MATLAB_COMPLEX:
         return [""]
@@ -99,17 +99,17 @@ def _values(dataset, field):
 
 
 def _decoded(name, dataset, field):
-    """Values that a data set's attributes scale, with NaN for those that they call missing."""
+    """Values scaled by a data set's attributes, with NaN for missing values."""
     values, attributes = _values(dataset, field), dataset.attrs
     if "true" in str(attributes.get("_Unsigned", "")).lower():
-        raise Unreadable(f"{name}: _Unsigned gives the numbers another type: save them in it")
+        raise Unreadable(f"{name}: _Unsigned changes the numbers' type: save them with that type")
     packing = {key: np.ravel(attributes[key]).astype(float) for key in PACKING & {*attributes}}
     if not packing:
         return values
     for key, count in (("scale_factor", 1), ("add_offset", 1), ("valid_range", 2)):
         size = packing.get(key, np.zeros(count)).size
         if size != count:
-            raise Unreadable(f"{name}: {key} holds {size} numbers and not {count}: correct it")
+            raise Unreadable(f"{name}: {key} has {size} numbers instead of {count}: correct it")
     low, high = packing.get("valid_range", (-np.inf, np.inf))
     missing = (values < packing.get("valid_min", low)) | (values > packing.get("valid_max", high))
     for key in FILL_VALUES & {*packing}:
@@ -119,17 +119,17 @@ def _decoded(name, dataset, field):
 
 
 def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
-    """(path, data set) of all that the file itself holds."""
-    seen, left = set(), [("", file)]
-    while left:
-        path, group = left.pop()
+    """Yield (path, data set) of all data sets stored in the file itself."""
+    seen, pending = set(), [("", file)]
+    while pending:
+        path, group = pending.pop()
         for name in group:
             where = f"{path}/{name}" if path else name
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise Unreadable(f"{where} is a link to another file: copy its data into this one")
-            # Only hard links are followed: a soft link leads to an object with another path,
-            # or out of the file.
+            # Only hard links are followed, since a soft link repeats an object or leads out of the
+            # file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue
             entry = group[name]
@@ -138,18 +138,18 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
                 continue
             seen.add(address)
             if len(seen) > MOST_OBJECTS:
-                raise Unreadable(f"it holds more than {MOST_OBJECTS} objects: shorten it")
+                raise Unreadable(f"it contains more than {MOST_OBJECTS} objects: shorten it")
             if isinstance(entry, h5py.Group):
-                left.append((where, entry))
+                pending.append((where, entry))
             elif isinstance(entry, h5py.Dataset):
                 _refuse_outside(entry, where)
                 yield where, entry
 
 
 def _refuse_outside(dataset, where):
-    """Refuse data that lie in other files or need a plug-in."""
+    """Raise if the data are in other files or need a plug-in."""
     if dataset.external or dataset.is_virtual:
-        raise Unreadable(f"the data of {where} lie in other files: copy them into this one")
+        raise Unreadable(f"the data of {where} are in other files: copy them into this one")
     properties = dataset.id.get_create_plist()
     codes = {properties.get_filter(index)[0] for index in range(properties.get_nfilters())}
     if codes - FILTERS:
@@ -169,7 +169,7 @@ def _text_attribute(dataset, names):
 
 
 def _number_attributes(holder, path=""):
-    """Attributes that hold a single number, by path and name."""
+    """Attributes that are single numbers, by path and name."""
     attributes = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         f"{path}{name}": float(value.ravel()[0])

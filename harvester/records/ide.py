@@ -1,4 +1,4 @@
-"""Columns of an .IDE file, as enDAQ's and Mide's vibration loggers write."""
+"""Columns of an .IDE file, written by vibration loggers of enDAQ and Mide."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from harvester.base.libraries import optional_library
 from harvester.records.table import Format, Table, Unreadable, broken_file, table_of_longest
 
 SCHEMA = "mide_ide.xml"
-# The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.
+# The library evaluates these elements of the file, so only numbers and ratios are allowed.
 EVALUATED = ("SampleRate", "TimeCodeScale", "ValuePrecision")
 NUMBER = re.compile(rb"\s*[\d.]{1,30}(e[+-]?\d{1,3})?\s*(/\s*[\d.]{1,30}\s*)?")
 ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
 
 
 def read(content: bytes) -> Table:
-    """The channel of acceleration with the most samples; times, axes and their units.
+    """The acceleration channel with the most samples: times, axes and their units.
 
-    `content`: bytes of the whole file, with its calibration applied. Raises Unreadable if it holds
-    no acceleration.
+    `content`: the whole file, with its calibration applied. Raises Unreadable if it contains no
+    acceleration.
     """
     importer = optional_library("idelib.importer", "an .IDE record", "loggers")
     logger = logging.getLogger("idelib")
-    # The level holds for the loggers of its modules, too.
+    # The level also applies to the library's child loggers.
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -48,7 +48,7 @@ def _table(data):
             events = channel.getSession()
             sessions[channel.name] = len(events), events, channel
     if not sessions:
-        raise Unreadable("it holds no channel of acceleration")
+        raise Unreadable("it contains no acceleration channel")
     chosen = max(sessions, key=lambda name: sessions[name][0])
     count, events, channel = sessions.pop(chosen)
     names = ["time", *(axis.name for axis in channel.subchannels)]
@@ -63,7 +63,7 @@ def _table(data):
     )
     if sessions:
         others = ", ".join(sessions)
-        table.remarks = (f"channel {chosen} is read, and not {others} of the same file",)
+        table.remarks = (f"channel {chosen} is read, {others} of the same file are ignored",)
     return table
 
 
@@ -73,24 +73,24 @@ def _kind(units):
 
 
 def _refuse_expressions(content):
-    """Raise for a text instead of a number, which the reader would evaluate."""
+    """Raise Unreadable if an element that the library evaluates is not a number."""
     core = optional_library("ebmlite", "an .IDE record", "loggers")
     document = core.loadSchema(SCHEMA).load(io.BytesIO(content))
     for name, value in _texts(document):
         if not NUMBER.fullmatch(value):
-            raise Unreadable(f"its {name} is no number: export it as .csv")
+            raise Unreadable(f"its {name} is not a number: export it as .csv")
 
 
 def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
-    """(name, text) of all that the reader evaluates."""
-    left = [part for part in document if part.name == "RecordingProperties"]
-    while left:
-        element = left.pop()
+    """Yield (name, text) of all elements that the library evaluates."""
+    pending = [part for part in document if part.name == "RecordingProperties"]
+    while pending:
+        element = pending.pop()
         if element.name in EVALUATED:
             text = element.value
             yield element.name, text.encode() if isinstance(text, str) else bytes(text)
         elif isinstance(element.value, list):
-            left.extend(element.value)
+            pending.extend(element.value)
 
 
 FORMAT = Format(read, (b"\x1aE\xdf\xa3",))

@@ -8,24 +8,24 @@ from harvester.records import text
 from harvester.records.table import LARGEST_TEXT, Format, Table
 
 END_OF_HEADER = b"***End_of_Header***"
-# Largest number of headers: one of the file and one of its segment.
+# Maximum number of headers: one of the file and one of its segment.
 MOST_HEADERS = 2
 SEPARATORS = {"Comma": ","}
 COMMENT = "comment"
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; names, units and time step come from the file's headers.
+    """Samples by column; names, units and time step are read from the file's headers.
 
-    Raises ValueError if it has no end of a header, or several segments.
+    Raises ValueError if a header has no end, or there are several segments.
     """
     parts = content.split(END_OF_HEADER)
     if not 1 < len(parts) <= MOST_HEADERS + 1:
         raise ValueError(
-            f"it has {len(parts) - 1} headers, and one segment with its own is read: save each "
+            f"it has {len(parts) - 1} headers, but only one segment can be read: save each "
             "segment as a file"
         )
-    # The last header is followed by names and samples.
+    # Names and samples follow the last header.
     names_line, _, samples = parts[-1].partition(b"\n")[2].lstrip(b"\r\n").partition(b"\n")
     table = text.read(samples)
     header = b"\n".join(parts[:-1]).decode("utf-8", errors="replace")
@@ -46,7 +46,7 @@ def read(content: bytes) -> Table:
 
 
 def _value(header, key, separator):
-    """Value of a header's key, None if the header has no such key."""
+    """Value of a header's key; None if there is no such key."""
     match = re.search(rf"^{key}{separator}(.*?)\s*$", header, re.MULTILINE)
     return match[1] if match else None
 

@@ -1,4 +1,4 @@
-"""Columns of a .mat file: its arrays of numbers, also those within structures."""
+"""Columns of a .mat file: its numeric arrays, including those in structures."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from harvester.records.table import (
     table_of_longest,
 )
 
-# MATLAB's classes of plain numbers. At the top level no cells, objects or code are read.
+# MATLAB's numeric classes. Cells, objects and code at the top level are not read.
 NUMBER_CLASSES = {
     "double",
     "single",
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-# scipy allocates the claimed size of cells and structures before it reads them, and recurses into
-# each.
+# Limits on parts and nesting: scipy allocates the claimed size of cells and structures before it
+# reads them, and recurses into each part.
 MOST_PARTS, DEEPEST = 100_000, 16
 LARGEST_STRUCTURE = 2**28
-# Numbers of the format: kinds of elements and classes of matrices.
+# Codes of the format: element types and matrix classes.
 MATRIX, COMPRESSED = 14, 15
 CELL, STRUCTURE, OBJECT = 1, 2, 3
 HEADER_BYTES, HEAD_BYTES = 128, 64
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns, named as the variables; `data.y` for a field of a structure.
+    """Samples by column, named after the variables; `data.y` for a field of a structure.
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
 
-    `content`: bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
-    structures of them, and nothing else. Raises Unreadable if it holds no such array.
+    `content`: the whole file, in MATLAB's formats 4 to 7.2; scipy reads only its numbers and
+    structures of numbers. Raises Unreadable if it contains no such array.
     """
     listed = _read("whosmat", content)
     arrays = {
@@ -86,7 +86,7 @@ def _read(function: str, content: bytes, **options: Any) -> Any:
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, numbers) of every field of a structure that holds numbers."""
+    """Yield (name, numbers) of every numeric field of a structure."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _fields(f"{name}.{key}" if name else key, part)
@@ -101,14 +101,14 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _refuse_claims(content):
-    """Refuse structures whose headers claim more data than the file has. Raises Unreadable."""
+    """Raise Unreadable if a structure's header claims more data than the file contains."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
-        raise Unreadable("the header of a .mat file with structures is broken: save it again")
+        raise Unreadable("the header of a .mat file with structures is invalid: save it again")
     try:
         for kind, data in _elements(memoryview(content)[HEADER_BYTES:], order):
             if kind == COMPRESSED:
-                # Only the head is unpacked, which is enough to see a structure. Arrays are read by
+                # Only the head is decompressed, which identifies structures. Arrays are read by
                 # their shape.
                 _, head = next(_elements(_unpacked(data, HEAD_BYTES), order))
                 if _class_of(head, order) != STRUCTURE:
@@ -117,15 +117,15 @@ def _refuse_claims(content):
             if kind == MATRIX and _class_of(data, order) == STRUCTURE:
                 _count_parts(data, order, 0)
     except (struct.error, zlib.error, StopIteration, IndexError, RuntimeError):
-        raise Unreadable("a structure of the .mat file is cut short: save it again") from None
+        raise Unreadable("a structure of the .mat file is truncated: save it again") from None
 
 
 def _elements(data, order):
-    """(kind, content) of the elements that follow each other."""
+    """Yield (kind, content) of consecutive elements."""
     offset = 0
     while offset + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, offset)
-        # An element of up to four bytes is stored within its tag.
+        # An element of up to four bytes is stored in its tag.
         if kind >> 16:
             kind, size, start, offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
         else:
@@ -135,11 +135,11 @@ def _elements(data, order):
 
 
 def _unpacked(data, most):
-    """The content of a compressed element; its first bytes where few are asked for."""
+    """The content of a compressed element, or its first `most` bytes."""
     reader = zlib.decompressobj()
     unpacked = reader.decompress(data, most)
     if reader.unconsumed_tail and most > HEAD_BYTES:
-        raise Unreadable(f"a structure of it is larger than {most / 1e6:.0f} MB: shorten it")
+        raise Unreadable(f"one of its structures is larger than {most / 1e6:.0f} MB: shorten it")
     return memoryview(unpacked)
 
 
@@ -148,7 +148,7 @@ def _class_of(data, order):
 
 
 def _count_parts(data, order, depth):
-    """Parts of a matrix in all; refused where they are too many or too deep."""
+    """Total number of parts of a matrix; raise if they are too many or too deeply nested."""
     if depth > DEEPEST:
         raise Unreadable(f"its structures are nested more than {DEEPEST} deep")
     if len(data) == 0 or _class_of(data, order) not in (CELL, STRUCTURE, OBJECT):
@@ -164,7 +164,9 @@ def _count_parts(data, order, depth):
         length = max(1, struct.unpack_from(f"{order}i", next(parts)[1])[0])
         claimed *= max(1, len(next(parts)[1]) // length)
     if claimed > MOST_PARTS or 8.0 * claimed > len(data) + 8:
-        raise Unreadable("a structure of it claims more parts than it holds, or too many")
+        raise Unreadable(
+            "one of its structures claims more parts than it contains, or too many: save it again"
+        )
     total = 1
     for kind, part in parts:
         total += _count_parts(part, order, depth + 1) if kind == MATRIX else 1

@@ -1,4 +1,4 @@
-"""Columns of a .npy file: one array of numbers, or of records with named fields."""
+"""Columns of a .npy file: one array of numbers, or a structured array with named fields."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from harvester.records.table import Format, Table, broken_file, table_of
 
 
 def read(content: bytes) -> Table:
-    """Samples by columns; the fields of a structured array are columns with names.
+    """Samples by column; the fields of a structured array are named columns.
 
-    `content`: bytes of the whole file; pickled objects in it are not read. Raises ValueError if it
-    holds no such array.
+    `content`: the whole file; pickled objects are not read. Raises ValueError if it contains no
+    such array.
     """
     if not content.startswith(b"\x93NUMPY"):
         raise ValueError("it does not begin as a .npy file does: save the array with numpy.save")
-    # The header is a Python literal: numpy passes on any exception that evaluating it raises. What
-    # it claims to hold may exceed the memory.
+    # The header is a Python literal whose evaluation may raise any exception. The claimed size may
+    # exceed the memory.
     with broken_file(".npy file of numbers", "save the array with numpy.save", ()):
         array = np.load(io.BytesIO(content), allow_pickle=False)
     names = array.dtype.names
     if array.ndim not in ((1,) if names else (1, 2)):
-        raise ValueError(f"an array of shape {array.shape} is no table of samples by columns")
+        raise ValueError(f"an array of shape {array.shape} is not a table of samples by columns")
     columns = [array[name] for name in names or ()] or list(np.atleast_2d(array.T))
     return table_of(columns, names or [""] * len(columns))
 

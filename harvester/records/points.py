@@ -1,4 +1,4 @@
-"""Files of points: two columns of numbers, with or without a heading."""
+"""Files of points: two numeric columns, with or without a heading."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ def read_points(
     stated: Sequence[str | None] = (None, None),
     scaled: bool = False,
 ) -> tuple[np.ndarray, list[str]]:
-    """Points of shape (n, 2) as the file has them, and their units; "" if no heading has one.
+    """Points of shape (n, 2) with the file's values, and their units ("" without a heading).
 
     `noun`: kind of file, for messages. `quantities`: quantities of the two columns. `stated`: units
-    that a heading must not contradict. `scaled`: whether the points are of a scaled scene, which
-    take no units. Raises SceneError if the file cannot be read, a line of it holds no two numbers,
+    that a heading must not contradict. `scaled`: whether the points belong to a scaled scene, and
+    have no units. Raises SceneError if the file cannot be read, a line does not hold two numbers,
     or a heading names other quantities or a wrong unit.
     """
     content = read_input(file, noun, LARGEST_FILE)
     pair = " and ".join(f"a {q} (Hz)" if q == "frequency" else f"a {q}" for q in quantities)
-    few = f"lines with {pair}: must be at least 2 for a {noun}"
+    too_few = f"lines with {pair}: must be at least 2 for a {noun}"
     if format_of(file, content) is text.FORMAT:
         decoded = content.decode("utf-8-sig", "replace")
         decoded = content.decode("latin-1") if "\ufffd" in decoded else decoded
-        # Trailing commas make columns of no numbers.
+        # Trailing commas would create columns without numbers.
         lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in decoded.splitlines()]
         if not any(lines):
-            raise SceneError(f"{named(file)}: 0 {few}")
+            raise SceneError(f"{named(file)}: 0 {too_few}")
         content = "\n".join([*lines, ""]).encode()
     measured = MeasuredFile(file, content, quantities, lambda key, _: key, "")
     titles = [quantity_of(heading.title, "") for heading in measured.headings]
@@ -54,7 +54,7 @@ def read_points(
         raise SceneError(f"{named(file)}, line {line}: must hold two numbers, {pair}")
     points = np.column_stack(measured.take([0, 1]))
     if len(points) < 2:
-        raise SceneError(f"{named(file)}: {len(points)} {few}")
+        raise SceneError(f"{named(file)}: {len(points)} {too_few}")
     units = ["", ""]
     for index, quantity in enumerate(quantities):
         if measured.headings[index].unit:
@@ -62,14 +62,14 @@ def read_points(
             unit = units[index] = measured.unit(quantity, index, stated[index], hint=square)
             if scaled and (quantity == "density" or QUANTITIES[quantity][unit] != 1.0):
                 raise SceneError(
-                    f'{named(file)}: {measured.label(index)}: the scene has units = "scaled": take '
+                    f'{named(file)}: {measured.label(index)}: the scene has units = "scaled": use '
                     "SI, or scaled values"
                 )
     return points, units
 
 
 def _wrong_line(measured):
-    """Number of a line without two numbers; 0 if there is none."""
+    """Number of the first line without two numbers; 0 if there is none."""
     table = measured.table
     if len(table.names) != 2:
         return table.line_of(0)

@@ -1,4 +1,4 @@
-"""Quantities of measured columns, their units, and both from a column's heading."""
+"""Quantities of measured columns and their units, also from a column's heading."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest
 
 SAMPLES = "samples"
-# Factors to SI, by the unit's usual spelling. `unit_named` translates other spellings.
+# Factors to SI by the unit's usual spelling; `unit_named` converts other spellings.
 ACCELERATION = {
     "m/s^2": 1.0,
     "cm/s^2": 1e-2,
@@ -25,17 +25,17 @@ ACCELERATION = {
 }
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 QUANTITIES: dict[str, dict[str, float]] = {
-    # A column of sample numbers needs a sampling rate; it has no factor.
+    # A column of sample numbers needs a sampling rate and has no factor.
     "time": TIME | {SAMPLES: 0.0},
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
-    # Volts are the output of a laser vibrometer, whose scale is free or given.
+    # Volts are the output of a laser vibrometer, with an unknown or a given scale.
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254, "V": 1.0, "mV": 1e-3},
     "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "phase": {"rad": 1.0, "deg": math.pi / 180.0},
 }
-# Quantities of tables of points, which no record has.
+# Quantities of tables of points, which do not occur in records.
 POINTS: dict[str, dict[str, float]] = {
     "force": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "lbf": 4.4482216152605},
     "density": {
@@ -54,11 +54,11 @@ QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary", "response"), RESP
 IMPEDANCES = ("impedance", "resistance", "reactance")
 QUANTITIES |= {name: {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6} for name in IMPEDANCES}
 QUANTITIES |= POINTS
-# Quantities that a column of complex numbers may hold.
+# Quantities that a column of complex numbers may contain.
 COMPLEX_QUANTITIES = ("response", "impedance")
 
 OHM_WORDS = {"ohm": "ohms ω", "kohm": "kohms kω", "Mohm": "megohm megohms mω"}
-# Words for units, such as "volts" for V, without capitals and blanks.
+# Other spellings of units, such as "volts" for V, in lower case without blanks.
 WORDS: dict[str, dict[str, str]] = {
     "time": {
         "s": "sec secs second seconds",
@@ -87,13 +87,13 @@ WORDS: dict[str, dict[str, str]] = {
     **dict.fromkeys(IMPEDANCES, OHM_WORDS),
 }
 LENGTHS = ("m", "cm", "mm", "ft", "in")
-# Spellings of "per second squared" and "per second" after a length; the usual one first.
+# Spellings of "per second squared" and "per second" after a length, the usual spelling first.
 PER_TIME = {
     "acceleration": "/s^2 /s2 /s/s /(s^2) /sec^2 /sec2 /sec/sec s^-2 s-2 s^(-2) /s**2 "
     "_s2 _s^2 _s-2 s2 ps2 ps^2 pers2 _per_s2 _per_s^2",
     "velocity": "/s /sec s^-1 s-1 _s ps",
 }
-# A unit with two readings is refused, and both are named.
+# Ambiguous units are rejected with a message that names both meanings.
 MEGA_OR_MILLI = "megaohms (Mohm) or milliohms (1e-3 ohm)"
 AMBIGUOUS = {
     "time": {"m": "minutes (min) or milliseconds (ms)"},
@@ -106,14 +106,14 @@ AMBIGUOUS = {
 
 
 def _spellings(quantity: str) -> dict[str, str]:
-    """Usual spelling of a quantity's units by every spelling without capitals."""
+    """Usual spellings of a quantity's units, by all spellings in lower case."""
     spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
         spellings |= dict.fromkeys(words.split(), unit)
-    usual, *others = PER_TIME.get(quantity, "none").split()
+    usual, *variants = PER_TIME.get(quantity, "none").split()
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            spellings |= dict.fromkeys((f"{length}{end}" for end in others), f"{length}{usual}")
+            spellings |= dict.fromkeys((f"{length}{end}" for end in variants), f"{length}{usual}")
     return spellings
 
 
@@ -124,7 +124,7 @@ SIGNS = str.maketrans(
 
 
 def unit_named(quantity: str, text: str) -> str | None:
-    """Usual spelling of a quantity's unit, None for a text that is no unit of it.
+    """Usual spelling of a quantity's unit; None if the text is not such a unit.
 
     Examples
     --------
@@ -140,8 +140,8 @@ def unit_named(quantity: str, text: str) -> str | None:
 def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
     """Usual spelling of a unit of a quantity in `QUANTITIES`.
 
-    `where`, `cure`: for the message: file and column; the remedy. Raises SceneError if the quantity
-    has no such unit, or the unit has two readings.
+    `where`, `cure`: file and column, and remedy, for messages. Raises SceneError if the quantity
+    has no such unit, or the unit is ambiguous.
     """
     usual = unit_named(quantity, unit)
     if usual is None:
@@ -157,16 +157,16 @@ def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
 
 
 class Heading(NamedTuple):
-    """Title, unit and quantity that a column's name gives.
+    """Title, unit and quantity in a column's name.
 
     Attributes
     ----------
     title
         The name without its unit.
-    unit
+    Unit in the file's spelling; empty if there is none.
         Unit as it is written; empty if there is none.
     quantity
-        A name in `QUANTITIES`, empty where the title is none.
+        A name in `QUANTITIES`; empty if the title names none.
     """
 
     title: str
@@ -202,16 +202,16 @@ TITLES = {
     "resistance": re.compile(r"(series )?resistance|(z re(al)?|re(al)? z)( part)?|z'"),
     "reactance": re.compile(r"(series )?reactance|(z im(ag(inary)?)?|im(ag(inary)?)? z)|z''|z\""),
 }
-# Letters that name a quantity only if its unit follows.
+# Letters that name a quantity only if a unit of it follows.
 LETTERS = {
     "acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis"),
     "impedance": re.compile(r"z|mag(nitude)?|modulus"),
     "resistance": re.compile(r"rs?"),
     "reactance": re.compile(r"xs?"),
 }
-# A name, followed by a text in brackets.
+# A name followed by a text in brackets.
 BRACKET = re.compile(r"(.*?)(?:\[([^\[\]]*)\]|\{([^{}]*)\}|\(((?:[^()]|\([^()]*\))*)\))\s*")
-# A text in brackets after a name that gives a position or a channel.
+# A text in brackets after a name that denotes a position or a channel.
 LABEL = re.compile(
     r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
     r"north|east|south|west|up|down|vertical|horizontal|"
@@ -225,7 +225,7 @@ SEPARATOR = re.compile(r"\s+in\s+|[\s_,:/-]+")
 def heading(text: str, expected: str = "") -> Heading:
     """Title, unit and quantity of a column's name.
 
-    `expected`: quantity that the column must hold if its title names none; empty: any.
+    `expected`: quantity of the column if its title names none; empty: any.
 
     Examples
     --------
@@ -246,11 +246,11 @@ def heading(text: str, expected: str = "") -> Heading:
     for mark in SEPARATOR.finditer(text):
         title, unit = text[: mark.start()], text[mark.end() :]
         quantity = expected or quantity_of(title, unit)
-        # A word of spectral levels that is no known unit is one to be refused.
+        # Names of spectral levels that are not known units are kept here and rejected later.
         if quantity and (unit_named(quantity, unit) or (expected and LEVEL.fullmatch(unit))):
             return Heading(title, unit, quantity)
     for quantity in (expected,) if expected else ("time", "acceleration"):
-        # A column may be named by its unit alone: "ms", "samples", "m/s^2".
+        # A column may be named by its unit alone, such as "ms", "samples" or "m/s^2".
         unit_alone = unit_named(quantity, text)
         if unit_alone and unit_alone not in ("min", "h"):
             return Heading(text, text, quantity)
@@ -258,20 +258,20 @@ def heading(text: str, expected: str = "") -> Heading:
 
 
 def _bracketed(text):
-    """Text before a bracket at the end, and text within it; None without a bracket."""
+    """Text before a final bracket, and text in it (None without a bracket)."""
     match = BRACKET.fullmatch(text.strip())
     return (match[1].strip(), match[match.lastindex or 0].strip()) if match else (text, None)
 
 
 def quantity_of(title: str, unit: str) -> str:
-    """The quantity that a title names, empty where it names none.
+    """The quantity that a title names; empty if it names none.
 
-    Letters such as "a" name an acceleration only with one of its units.
+    Letters such as "a" name an acceleration only with an acceleration's unit.
     """
     # A position or a channel in brackets after the title is ignored.
     before, within = _bracketed(title)
     bare = before if LABEL.fullmatch(within or "") else title
-    # The quantity may follow the names of groups and structures: "data.time", "run
+    # The names of groups and structures may precede the quantity: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
         words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())
@@ -285,15 +285,15 @@ def quantity_of(title: str, unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text, in brackets or without, is a unit of any quantity."""
+    """Whether a text, with or without brackets, is a unit of any quantity."""
     bare = text.strip().strip("[](){}").strip()
     return any(unit_named(quantity, bare) for quantity in QUANTITIES)
 
 
 def column_named(column: str, names: Collection[str], quantity: str = "") -> int | None:
-    """Index of a column by its whole name, or by its title if only one column has it.
+    """Index of a column by its full name, or by its title if that is unique.
 
-    `quantity`: quantity of the column. None if there is no such column.
+    `quantity`: quantity of the column. Returns None if there is no such column.
     """
     listed = list(names)
     if column and column in listed:

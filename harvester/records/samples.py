@@ -1,4 +1,4 @@
-"""Faults of samples: gaps, markers, clipped crests, impossible sizes; refused or mended."""
+"""Reject or repair faulty samples: gaps, markers, clipping, impossible values."""
 
 from __future__ import annotations
 
@@ -8,36 +8,35 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 
-# Limits of a record's largest sample, in m/s² or scaled. Squares of others overflow or vanish.
+# Limits of a record's largest sample, in m/s² or scaled; beyond them its square over- or
+# underflows.
 SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12
-# Faults that a scene may ask to mend: the first and the last here, the second by `time_base`.
+# Faults that a scene may request to repair: "nan" and "clipped" here, "uneven" in `time_base`.
 FAULTS = ("nan", "uneven", "clipped")
-# Fewest samples in a record.
+# Minimum number of samples in a record.
 FEWEST_SAMPLES = 64
-# Largest share of the samples that may be mended.
+# Maximum share of repaired samples.
 LARGEST_MENDED_SHARE = 0.1
 # A sample is an outlier if its distance from the median exceeds the largest distance of all other
-# samples by this factor. A shock's samples differ; the samples of a marker are equal, or it is
-# one sample alone.
+# samples by this factor. The samples of a shock differ, while markers are equal or a single sample.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
-# The middle half of the samples shows where the centre is and how far the rest reaches.
+# The middle half of the samples determines the centre and the spread of ordinary samples.
 SHARE_OF_REST = 0.5
-# A clipped crest has this many equal extreme samples, and a clipped record two of them: one
-# flat crest is a coincidence.
+# A clipped peak has this many equal extreme samples, and a clipped record two such peaks: one flat
+# peak is a coincidence.
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
 
 
 def refuse_size(values: np.ndarray, where: str, factor: float = 1.0, unit: str = "") -> None:
-    """Refuse samples that no sensor measures, whatever the unit.
+    """Raise SceneError for samples that no sensor measures in any unit.
 
-    `values`: shape (n,); NaN and infinite ones are ignored. `factor`: to SI from the unit. Raises
-    SceneError.
+    `values`: shape (n,); NaN and infinite values are ignored. `factor`: from the unit to SI.
     """
     peak = np.abs(values).max(initial=0.0, where=np.isfinite(values))
     if peak != 0.0 and not SMALLEST_PEAK <= peak * factor <= LARGEST_PEAK:
         raise SceneError(
             f"{where}: the largest sample is {peak:g}{f' in the unit {unit}' if unit else ''}, "
-            f"where it must be in [{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check "
+            f"which must be in [{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check "
             "the column and its unit"
         )
 
@@ -45,13 +44,14 @@ def refuse_size(values: np.ndarray, where: str, factor: float = 1.0, unit: str =
 def without_markers(
     values: np.ndarray, mend: Collection[str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Samples with markers (-9999, 65535, a rail) replaced by NaN, if `mend` asks for it.
+    """Samples with markers (-9999, 65535, a saturation value) replaced by NaN if `mend` requests
+    it.
 
     Loggers write such a number for a missing measurement.
 
-    `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
-    mend; "nan" among them takes markers for gaps. Returns the samples, shape (n,), and a remark if
-    there are markers.
+    `values`: shape (n,); samples with the file's values, before units and scales. `mend`: faults to
+    repair; "nan" treats markers as gaps. Returns the samples, shape (n,), and a remark if there are
+    markers.
     """
     remark = marker_remark(values)
     if not remark:
@@ -64,20 +64,22 @@ def without_markers(
 
 
 def marker_remark(values: np.ndarray) -> str:
-    """The markers among samples, shape (n,), in words; "" where there are none."""
+    """Text on the markers among samples, shape (n,); "" if there are none."""
     far = outliers(values)
     if not far.any():
         return ""
-    count, others = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
+    count, ordinary = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     return (
         f"{count} of {values.size} {'sample is' if count == 1 else 'samples are'} {written}, far "
-        f"outside the rest ({others.min():.3g} to {others.max():.3g})"
+        f"outside the rest ({ordinary.min():.3g} to {ordinary.max():.3g})"
     )
 
 
 def outliers(values: np.ndarray) -> np.ndarray:
-    """Samples that are markers: a few equal ones, or one, far outside all others: bool (n,)."""
+    """Samples that are markers, bool (n,): a single one, or a few equal ones, far outside all
+    others.
+    """
     far = np.zeros(values.size, dtype=bool)
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < FEWEST_SAMPLES:
@@ -102,11 +104,11 @@ def mended(
     where: str,
     mend: Collection[str] | None = None,
 ) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    """Finite samples that are not clipped, their times, and the repairs, in words.
+    """Repaired samples, their times, and texts on the repairs.
 
-    `values`, `times`: shape (n,). `mend`: faults to mend: "nan" by straight lines over the gap,
-    "clipped" by a cubic spline through the other samples; None: no repair. Raises SceneError
-    for too few samples, and for a fault that was not to be mended, or cannot be.
+    `values`, `times`: shape (n,). `mend`: faults to repair: "nan" by linear interpolation over the
+    gap, "clipped" by a cubic spline through the other samples; None: no repair. Raises SceneError
+    for too few samples, and for a fault that is not in `mend` or cannot be repaired.
     """
     refuse_short(values, where)
     remarks: tuple[str, ...] = ()
@@ -114,17 +116,17 @@ def mended(
     if times is not None:
         lost |= ~np.isfinite(times)
     if lost.any():
-        gaps, good = np.flatnonzero(lost), np.flatnonzero(~lost)
+        gaps, valid = np.flatnonzero(lost), np.flatnonzero(~lost)
         _refuse("nan", lost, f"the first is sample {gaps[0]}", where, mend)
-        longest = int(np.diff(good, prepend=-1, append=lost.size).max()) - 1
+        longest = int(np.diff(valid, prepend=-1, append=lost.size).max()) - 1
         remarks = (
             f"{gaps.size} of {values.size} samples had no value and were interpolated "
             f"linearly: the largest gap has {longest} sample{'s' if longest > 1 else ''}",
         )
-        # Bad samples are interpolated over their indices, and so are their times.
+        # Invalid samples and their times are interpolated over the sample number.
         numbers = np.arange(values.size)
-        values = np.interp(numbers, good, values[good])
-        times = None if times is None else np.interp(numbers, good, times[good])
+        values = np.interp(numbers, valid, values[valid])
+        times = None if times is None else np.interp(numbers, valid, times[valid])
     clipped = clipped_samples(values)
     if clipped.any():
         _refuse("clipped", clipped, f"at {np.abs(values[clipped]).max():g}", where, mend)
@@ -133,7 +135,7 @@ def mended(
 
 
 def _refuse(fault, samples, detail, where, mend):
-    """Raise for faulty samples, unless `mend` names the fault and they are few."""
+    """Raise SceneError for faulty samples, unless `mend` names the fault and they are few."""
     name, cure = {
         "nan": ("without a number", "cut the record there"),
         "clipped": ("clipped", "measure in a wider range"),
@@ -151,22 +153,22 @@ def _refuse(fault, samples, detail, where, mend):
 
 
 def refuse_short(values: np.ndarray, where: str) -> None:
-    """Refuse too few samples or times, shape (n,). Raises SceneError."""
+    """Raise SceneError if there are too few samples or times, shape (n,)."""
     if values.size < FEWEST_SAMPLES:
         raise SceneError(
-            f"{where}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
-            "the fewest"
+            f"{where}: the record is too short: {values.size} samples: must be at "
+            f"least {FEWEST_SAMPLES}"
         )
 
 
 def refuse_constant(values: np.ndarray, where: str) -> None:
-    """Refuse samples, shape (n,), that are all the same. Raises SceneError."""
+    """Raise SceneError if all samples, shape (n,), are equal."""
     if np.ptp(values) == 0.0:
         raise SceneError(f"{where}: the record is constant: every sample is {values[0]:g}")
 
 
 def clipped_samples(values: np.ndarray) -> np.ndarray:
-    """Samples that stay at an extreme value at several crests: bool of the same shape."""
+    """Samples that stay at an extreme value in several peaks: bool of the same shape."""
     clipped = np.zeros(values.size, dtype=bool)
     for extreme in (values.max(), values.min()):
         flat = values == extreme
@@ -179,7 +181,7 @@ def clipped_samples(values: np.ndarray) -> np.ndarray:
 def _unclip(values, clipped):
     from scipy.interpolate import CubicSpline
 
-    good = np.flatnonzero(~clipped)
-    crests = CubicSpline(good, values[good])(np.arange(values.size))
-    # The true crest cannot lie inside the clipped value, whatever the spline gives.
+    unclipped = np.flatnonzero(~clipped)
+    crests = CubicSpline(unclipped, values[unclipped])(np.arange(values.size))
+    # The true peak is at least as high as the clipped value, even if the spline is lower.
     return np.where(clipped & (np.abs(crests) >= np.abs(values)), crests, values)

@@ -1,4 +1,4 @@
-"""The columns of one file, as the reader of a format returns them."""
+"""Table of a file's columns, as the readers of formats return it."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ import numpy as np
 from harvester.base.errors import HarvesterError
 
 REAL_KINDS, NUMBER_KINDS = "iuf", "iufc"
-# Largest file of a format, in bytes: binary ones, and texts, which take seconds to read.
+# Maximum size of a file, in bytes: binary, and text, which takes seconds to read.
 LARGEST_BINARY, LARGEST_TEXT = 2**29, 2**27
-# Most numbers in a file. A compressed file may claim more than it has bytes.
+# Maximum number of values in a file. A compressed file may claim more than its size.
 MOST_NUMBERS = 2**26
-# A single number with one of these names is the sampling rate (Hz), or the time between samples
-# (s).
+# A single number with one of these names is the sampling rate (Hz) or the sampling interval (s).
 RATES = ("fs", "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency")
 INTERVALS = ("dt", "tinterval", "wf_increment")
 
 
 class Unreadable(ValueError):
-    """A fault that a reader finds in a file; the message is for the user."""
+    """A reader finds a fault in a file; the message is for the user."""
 
 
 @contextlib.contextmanager
 def broken_file(
     sort: str, cure: str, others: tuple[type[Exception], ...] = (MemoryError,)
 ) -> Iterator[None]:
-    """Within the block, turn any exception of a library's parser into `Unreadable`.
+    """Convert any exception of a library's parser within the block to `Unreadable`.
 
     Exceptions of the classes in `others` are passed on. Raises Unreadable.
     """
@@ -43,7 +42,7 @@ def broken_file(
     except Exception as error:
         if isinstance(error, (Unreadable, HarvesterError, *others)):
             raise
-        raise Unreadable(f"not a whole {sort} ({type(error).__name__}: {error}); {cure}") from None
+        raise Unreadable(f"not a valid {sort} ({type(error).__name__}: {error}); {cure}") from None
 
 
 @dataclass
@@ -57,20 +56,20 @@ class Table:
     rows
         Samples in each column.
     take
-        Gives the columns at some indices, each of shape (rows,): float64 with NaN where there is no
-        number, or complex128 of the columns in `complexes`.
+        Function that returns the columns at some indices, each of shape (rows,): float64 with NaN
+        for missing numbers, or complex128 for columns in `complexes`.
     units
-        Units of the columns if the file has them apart from the names; "" for none.
+        Units of the columns if the file states them separately from names; "" for none.
     rate
-        Sampling rate (Hz) if the file has it.
+        Sampling rate (Hz) if the file states it.
     texts
-        Indices of columns that hold words.
+        Indices of columns of text.
     complexes
         Indices of columns of complex numbers.
     remarks
-        Remarks on the file that go into a result's notes.
+        Remarks on the file for a result's notes.
     line_of
-        Number of the line, from 1, that holds a row.
+        Function that returns the number, from 1, of a row's line.
     """
 
     names: Sequence[str]
@@ -90,12 +89,12 @@ class Format(NamedTuple):
     Attributes
     ----------
     read
-        Function of the file's bytes. Raises ValueError, with a message for the user, for a file
-        that it cannot read.
+        Function of the file's bytes; raises ValueError, with a message for the user, if it cannot
+        read the file.
     starts
-        First bytes of a file, any of which select this format whatever the file's ending.
+        First bytes that select this format whatever the file's suffix.
     largest
-        Largest file, in bytes.
+        Maximum file size in bytes.
     """
 
     read: Callable[[bytes], Table]
@@ -106,13 +105,13 @@ class Format(NamedTuple):
 def table_of(
     columns: Sequence[np.ndarray], names: Sequence[str], units: Sequence[str] = ()
 ) -> Table:
-    """A table of arrays of shape (n,), of real or complex numbers."""
+    """A table of real or complex arrays of shape (n,)."""
 
     def take(indices):
         for k in indices:
             if columns[k].dtype.kind not in NUMBER_KINDS or columns[k].ndim != 1:
                 raise ValueError(
-                    f"column {k} holds {columns[k].dtype.name} and not one real number per sample"
+                    f"column {k} contains {columns[k].dtype.name}, not one real number per sample"
                 )
         with np.errstate(over="ignore"):
             return [
@@ -120,7 +119,7 @@ def table_of(
                 for k in indices
             ]
 
-    # In a file with complex columns, a column such as the frequency has no imaginary part.
+    # In a file with complex columns, real columns such as the frequency have zero imaginary parts.
     complexes = [k for k, c in enumerate(columns) if np.iscomplexobj(c) and c.imag.any()]
     return Table(names, len(columns[0]) if columns else 0, take, units, complexes=complexes)
 
@@ -131,18 +130,18 @@ def table_of_longest(
     units: Mapping[str, str] | None = None,
     numbers: Callable[[list[str]], Mapping[str, float]] = lambda longest: {},
 ) -> Table:
-    """A table of the longest arrays of a file, each a column or a table of columns.
+    """A table of a file's longest arrays, each a column or a table of columns.
 
     A table's columns are named `y[0]`, `y[1]`, … .
 
-    `shapes`: shapes of the arrays of numbers in one or two dimensions. `load`: function of the
-    names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
-    arrays whose units the file says. `numbers`: function of the names of the longest arrays; gives
-    single numbers by name, of which `rate_of` takes the sampling rate. Raises Unreadable if they
-    hold too many numbers, or contradictory rates.
+    `shapes`: shapes of the numeric arrays in one or two dimensions. `load`: function of the names
+    of the longest arrays that returns them by name. `units`: units of arrays, if the file states
+    them. `numbers`: function of the names of the longest arrays that returns single numbers by
+    name, from which `rate_of` selects the sampling rate. Raises Unreadable if there are too many
+    numbers, or contradictory rates.
     """
     sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
-    # A single number is no series of samples.
+    # A single number is not a series of samples.
     rows = max((size for size in sizes.values() if size > 1), default=0)
     longest = [name for name, size in sizes.items() if size == rows]
     if sum(int(np.prod(shapes[name], dtype=float)) for name in longest) > MOST_NUMBERS:
@@ -163,7 +162,7 @@ def table_of_longest(
 def rate_of(numbers: Mapping[str, float]) -> float | None:
     """Sampling rate (Hz) from a file's single numbers with names such as `fs`, else None.
 
-    `numbers`: single numbers by their names, also after names of groups or structures. Raises
+    `numbers`: single numbers by name, optionally preceded by groups or structures. Raises
     Unreadable if two of them contradict each other.
     """
     last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}

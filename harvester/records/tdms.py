@@ -1,4 +1,4 @@
-"""Columns of a TDMS file, as LabVIEW and other programs of its maker write."""
+"""Columns of a TDMS file, written by LabVIEW and other programs of National Instruments."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from harvester.records.table import (
 def read(content: bytes) -> Table:
     """Channels as columns, with the file's scaling; names are `group/channel`.
 
-    Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
+    Raises Unreadable if it contains no numeric channel, or the longest ones have several rates.
     """
     nptdms = optional_library("nptdms", "a TDMS record", "loggers")
-    # The library's log would repeat the error on the console.
+    # The library would log the error again on the console.
     importlib.import_module("nptdms.log").log_manager.set_level(logging.ERROR)
     broken = broken_file("TDMS file", "save the samples as .csv")
     with broken, nptdms.TdmsFile.open(io.BytesIO(content)) as file:
         table = _table(file, len(content))
         if file.file_status.incomplete_final_segment:
-            table.remarks = ("the file ends within its last part",)
+            table.remarks = ("the file's last segment is incomplete",)
     return table
 
 
@@ -42,9 +42,9 @@ def _table(file, most):
         for group in groups
         for channel in group.channels()
     }
-    # Samples are not compressed: a file cannot hold more of them than bytes.
+    # Samples are not compressed, so there cannot be more of them than bytes.
     if any(len(channel) > most for channel in channels.values()):
-        raise Unreadable("it claims more samples than it holds: it is cut short")
+        raise Unreadable("it claims more samples than it contains: it is truncated")
     channels = {
         name: channel
         for name, channel in channels.items()
@@ -67,7 +67,7 @@ def _table(file, most):
 
 
 def _numbers(values):
-    """Samples; time stamps as seconds after the first."""
+    """Samples as numbers; time stamps become seconds after the first."""
     values = np.asarray(values)
     if values.dtype.kind != "M":
         return values

@@ -20,12 +20,12 @@ from harvester.records.table import LARGEST_TEXT, Format, Table
 from harvester.records.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
-# Separators of fields, None for blanks. The first of equally good ones is taken; decimal commas
-# between commas are in quotes.
+# Separators of fields; None for blanks. If several work equally well, the first is used. Between
+# separating commas, numbers with decimal commas must be quoted.
 SEPARATORS = (";", "\t", ",")
-# Longest line in characters. A line holds one sample of every column.
+# Maximum line length in characters. A line holds one sample of every column.
 LONGEST_LINE = 1_000_000
-# The form follows the majority of the last lines. A footer makes up less than half of them.
+# The majority of the last lines determines the format, since a footer is shorter.
 LINES_SEEN, BYTES_SEEN = 41, 200_000
 HEADER_LINES = 50
 NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
@@ -34,16 +34,16 @@ NUMBER, STAMP, COMPLEX, TEXT = "number", "stamp", "complex", "text"
 COMPLEX_NUMBER = re.compile(
     r"\(?\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([+-])\s*([\d.]+(?:[eE][+-]?\d+)?)\s*\*?[ij]\s*\)?"
 )
-# A quoted field, a unit in brackets, or a word followed by a unit in brackets.
+# Matches a quoted field, a unit in brackets, or a word with an optional unit in brackets.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
-# Entries of a row of units by which loggers mark a column without a unit.
+# Entries in a row of units by which loggers denote columns without a unit.
 NO_UNIT = ("", "-", "ts", "rn")
-# Decimals and exponent of a number. A line that was cut short has fewer of them.
+# Decimals and exponent of a number. A truncated line has fewer digits.
 DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
 
 
 class Form(NamedTuple):
-    """Format of a line of samples.
+    """Format of the lines of samples.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Form(NamedTuple):
     def fits(self, fields: list[str]) -> bool:
         """Whether each field of a line is empty or of its column's kind (number, time stamp).
 
-        A complex number may be written without its imaginary part.
+        The imaginary part of a complex number may be missing.
         """
         if len(fields) != len(self.kinds):
             return False
@@ -71,18 +71,18 @@ class Form(NamedTuple):
 
 
 def read(content: bytes) -> Table:
-    """Columns separated by commas, semicolons, tabs or blanks, with or without a header.
+    """Read columns separated by commas, semicolons, tabs or blanks, with or without a header.
 
-    Numbers may be quoted, and have decimal commas where another sign separates them. The last line
-    may be cut short, and a footer may follow the samples. The names come from the header, or from
-    the comment above the first line, and may have a row of units below them. Time stamps are
-    seconds after the first.
+    Numbers may be quoted, and have decimal commas if commas do not separate columns. The last line
+    may be truncated, and a footer may follow the samples. Names come from the header, or from a
+    comment above the first line, and a row of units may follow. Time stamps become seconds after
+    the first.
 
-    `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is no
-    text, or its last lines hold no numbers.
+    `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is not
+    text, or its last lines contain no numbers.
     """
     if b"\0" in content:
-        raise ValueError("it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8")
+        raise ValueError("it contains NUL bytes (UTF-16, or not a text): save it as UTF-8")
     last_lines = _last_lines(content)
     form = _form_of(last_lines)
     kinds = form.kinds
@@ -114,9 +114,9 @@ def read(content: bytes) -> Table:
         numbers = (number for number, _, comment in _lines(content) if not comment)
         return next(itertools.islice((n for n in numbers if n >= first), row, None)) + 1
 
-    remark = f"the file's last {left_out} lines hold no whole sample and are left out"
+    remark = f"the file's last {left_out} lines are not complete samples and are ignored"
     if left_out == 1:
-        remark = "the file's last line holds no whole sample and is left out"
+        remark = "the file's last line is not a complete sample and is ignored"
     return Table(
         names,
         rows,
@@ -130,21 +130,21 @@ def read(content: bytes) -> Table:
 
 
 def _reader(kind, decimal=",", group=""):
-    """The function that turns a field of a column into a number."""
+    """The function that converts a field of a column to a number."""
     if kind == STAMP:
         return StampReader().seconds
     return _complex if kind == COMPLEX else lambda text: _number(text, decimal, group)
 
 
 def _marks(content, form, samples, indices):
-    """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
+    """(decimal mark, thousands separator) of each column with commas or possible grouping."""
     numbers = [k for k, kind in enumerate(form.kinds) if kind == NUMBER]
-    # Whether a field may hold a comma: each column's values then decide its meaning.
+    # Test whether fields may contain commas, so that each column's values decide their meaning.
     if b"," not in content or (form.separator == "," and b'"' not in content):
         asked = {*indices} & {*numbers} if b"." in content else ()
         columns = ((fields[k] for fields in samples()) for k in asked)
         shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
-        # Points may separate thousands: 1.286 next to 742.
+        # Points may separate thousands, as in 1.286 next to 742.
         if not any({".?", "mid"} <= {*seen} for seen in shapes):
             return {}
     rows = ([fields[k] for k in numbers] for fields in samples())
@@ -152,7 +152,7 @@ def _marks(content, form, samples, indices):
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, str, bool]]:
-    """(number from 0, text, whether it is a comment) of each line that is not blank."""
+    """Yield (number from 0, text, whether it is a comment) of each line that is not blank."""
     stream = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig")
     for number in itertools.count():
         line = stream.readline(LONGEST_LINE + 1)
@@ -168,7 +168,7 @@ def _lines(content: bytes) -> Iterator[tuple[int, str, bool]]:
 
 
 def _last_lines(content):
-    """The last lines that are no comments; the first of a long file's end may be a part."""
+    """The last lines without comments; the first one may be incomplete."""
     end = content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
     lines = list(io.StringIO(end, newline=None))
     lines = lines[1:] if len(content) > BYTES_SEEN and len(lines) > 1 else lines
@@ -177,15 +177,15 @@ def _last_lines(content):
 
 
 def _scan(content, form):
-    """Lines above the first row, with whether they are comments; its number; rows; lines below."""
+    """Lines above the first row with comment flags, its number, the rows, and the lines below."""
     above: deque = deque(maxlen=HEADER_LINES)
     last: list[str] = []
     width, first, rows, behind, ragged = len(form.kinds), 0, 0, 0, ""
     number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else width
     for number, line, comment in _lines(content):
         fields = [] if comment else _fields(line, form.separator)
-        # Between other rows one number is enough to recognise a row. The first and the last are
-        # examined whole.
+        # In the middle, one number identifies a row. The first and last rows are checked
+        # completely.
         quick = rows and number_at < len(fields) == width
         if (quick and not isnan(_number(fields[number_at]))) or form.fits(fields):
             if ragged:
@@ -204,9 +204,9 @@ def _scan(content, form):
 
 
 def _is_cut_short(content, lines, form):
-    """Whether the last number has fewer digits than all others, which have the same."""
+    """Whether the last number has fewer digits than all others, which have equally many."""
     *others, last = (DIGITS.fullmatch(_fields(x, form.separator)[-1].strip()) for x in lines)
-    # Decimals, and letters of the exponent.
+    # Numbers of decimals, and letters of the exponent.
     digits, *other_digits = {
         match and (len(match[1]), len(match[2] or "")) for match in others
     } or {None}
@@ -216,7 +216,7 @@ def _is_cut_short(content, lines, form):
 
 
 def _form_of(lines):
-    """The form (separator, kinds of columns) that most of the lines have."""
+    """The form (separator, kinds of columns) of most lines."""
     seen = []
     for line in lines:
         best, best_share = None, 0.0
@@ -236,14 +236,14 @@ def _form_of(lines):
     widths = Counter((form.separator, len(form.kinds)) for form in reversed(seen))
     separator, width = widths.most_common(1)[0][0]
     alike = [form.kinds for form in seen if len(form.kinds) == width]
-    # The most common kind of each column's fields, of which a gap counts as text.
+    # The most common kind of each column's fields, ignoring texts and gaps.
     columns = ([kind for kind in column if kind != TEXT] for column in zip(*alike, strict=True))
     usual = (Counter(column).most_common(1)[0][0] if column else TEXT for column in columns)
     return Form(separator, tuple(usual))
 
 
 def _fields(line, separator):
-    """The fields of a line of samples."""
+    """Split a line of samples into fields."""
     if '"' not in line:
         return line.split(separator)
     if separator is None:
@@ -251,7 +251,7 @@ def _fields(line, separator):
     try:
         return next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
-        raise ValueError(f"a line of it cannot be read: {error}") from None
+        raise ValueError(f"a line cannot be read: {error}") from None
 
 
 def _kind(field):
@@ -264,7 +264,7 @@ def _kind(field):
 
 
 def _complex(text):
-    """A complex number; without an imaginary part it is real, NaN where it is none."""
+    """Convert a text to a complex number, real without imaginary part; NaN if invalid."""
     match = _complex_match(text.strip())
     parts = (match[1], match[2] + match[3]) if match else (text, "0")
     return complex(*map(_number, parts))
@@ -275,9 +275,9 @@ def _complex_match(text):
 
 
 def _number(text, decimal=",", group=""):
-    """A number, NaN if the text is none."""
+    """Convert a text to a number; NaN if it is not a number."""
     try:
-        # Python reads 1_000 as a number; other programs do not.
+        # Python accepts 1_000 as a number; other programs do not.
         return nan if "_" in text else float(text.replace(group, "").replace(decimal, "."))
     except ValueError:
         bare = ungrouped(text)
@@ -285,11 +285,11 @@ def _number(text, decimal=",", group=""):
 
 
 def _names_and_units(above, form):
-    """Names of the columns (none without a header) and the units in a row below them."""
+    """Names of the columns (none without a header), and the units in a row below them."""
     rows = [_header_row(line, form) for line, comment in above if not comment]
     rows = [row for row in rows if row]
     if not rows:
-        # A comment is a header if it names a quantity: numpy.savetxt writes it so.
+        # A comment that names a quantity is a header, as numpy.savetxt writes it.
         comments = [_header_row(line.strip().lstrip("#%/"), form) for line, mark in above if mark]
         rows = [row for row in comments if any(heading(x).quantity or is_unit(x) for x in row)]
     without = [""] * len(form.kinds)
@@ -303,15 +303,15 @@ def _names_and_units(above, form):
 
 
 def _header_row(line, form):
-    """A line above the samples as one field per column, empty where it has another number."""
+    """Split a line above the samples into one field per column; empty if the count differs."""
     width = len(form.kinds)
-    others = [mark for mark in SEPARATORS if mark in line and mark != form.separator]
-    for separator in (form.separator, *others):
+    alternatives = [mark for mark in SEPARATORS if mark in line and mark != form.separator]
+    for separator in (form.separator, *alternatives):
         fields = BLANK_SEPARATED.findall(line) if separator is None else _fields(line, separator)
         fields = [field.strip().strip('"') for field in fields]
         if len(fields) == width + 1 and not fields[-1]:
             return fields[:-1]
-        # A separator at the end of each line makes a column without a name.
+        # A separator at the end of each line creates a column without a name.
         if len(fields) == width - 1 and form.kinds[-1] == TEXT and separator is not None:
             return [*fields, ""]
         if len(fields) == width:
@@ -320,7 +320,7 @@ def _header_row(line, form):
 
 
 def _is_unit_row(row):
-    """Whether a row below the names holds their units."""
+    """Whether a row below the names contains units."""
     return any(is_unit(text) for text in row) and all(
         is_unit(text) or text.lower() in NO_UNIT or re.fullmatch(r"[\[({].*[\])}]", text)
         for text in row
@@ -328,7 +328,7 @@ def _is_unit_row(row):
 
 
 def _refuse_unquoted_commas(above, form):
-    """Raise if decimal commas between commas split each column in two."""
+    """Raise ValueError if unquoted decimal commas split each column in two."""
     for line, comment in above:
         names = [] if comment or form.separator != "," else line.split(",")
         if len(form.kinds) == 2 * len(names) and any(heading(name).quantity for name in names):

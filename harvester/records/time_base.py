@@ -1,8 +1,8 @@
-"""The time base of a record: the even grid of its rounded, drifting or irregular stamps.
+"""The time base of a record: an even grid for rounded, drifting or irregular time stamps.
 
-Loggers round their stamps (0.003, 0.006, 0.008 s at 360 Hz), and their clocks drift. The samples
-are even all the same, so a fit of the stamps gives the rate. Interpolation at rounded stamps would
-take up to 20 % of a vibration's power away.
+Loggers round their stamps (0.003, 0.006, 0.008 s at 360 Hz), and their clocks drift, although the
+samples are evenly spaced. Therefore a fit of the stamps gives the rate. Interpolation at rounded
+stamps would remove up to 20 % of a vibration's power.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from harvester.records.samples import LARGEST_MENDED_SHARE, refuse_short
 
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
-# Largest deviation of a time from an even grid, in spacings.
+# Maximum deviation of a time from an even grid, in spacings.
 LARGEST_JITTER = 0.1
-# Rounded stamps have two lengths of steps, to this share of their difference, each at least this
-# often: a single long step is a sample that is missing.
+# Rounded stamps have two step lengths, within this share of their difference, each at least this
+# often: a single long step means a missing sample.
 TWO_LENGTHS, FEWEST_STEPS = 0.01, 3
-# Largest relative error of a rate that rounded stamps give.
+# Maximum relative error of a rate derived from rounded stamps.
 RATE_ERROR = 1e-3
-# A drifting clock is averaged over this many samples. Its stamps may scatter about the average by
-# this rms value, in spacings, which takes less than 0.5 % of the power at 5 samples a period. The
-# blocks of enDAQ's files scatter by up to 0.026.
+# A drifting clock is averaged over this many samples. Stamps may scatter about the average by this
+# rms value, in spacings; the power loss is below 0.5 % at 5 samples per period. In enDAQ's files
+# the scatter is up to 0.026.
 DRIFT_SAMPLES, LARGEST_SCATTER = 257, 0.05
 # Degree of the spline between samples.
 SPLINE_DEGREE = 7
-# Uneven times have a spline of this degree: at 8 samples a period and a jitter of 40 % of the
-# spacing it keeps 99.8 % of the power, straight lines 88 %. Shorter and longer steps than these, in
-# spacings, have straight lines, where a spline would swing.
+# Degree of the spline for uneven times: at 8 samples per period and a jitter of 40 % of the spacing
+# it retains 99.8 % of the power, linear interpolation 88 %. Steps shorter or longer than these (in
+# spacings) are interpolated linearly, since a spline would overshoot.
 UNEVEN_DEGREE, SHORT_STEP, LONG_STEP = 5, 0.25, 1.9
 
 
 class TimeBase(NamedTuple):
-    """Rate (Hz) of an even grid, remarks on it, and a function that brings samples (n,) to it."""
+    """Rate (Hz) of an even grid, remarks, and a function that resamples arrays (n,) to the grid."""
 
     rate: float
     remarks: tuple[str, ...] = ()
@@ -54,11 +54,10 @@ def time_base(
 ) -> TimeBase:
     """The even grid of a record's samples.
 
-    `times`: shape (n,); s, finite; None: the rate counts alone. `rate`: Hz, as given. `where`,
-    `cure`: for messages: the file; remedy for times that do not rise. `mend`: with "uneven",
-    samples that are missing or were taken unevenly are interpolated; None: they cannot be. Raises
-    SceneError for too few times, for times that do not rise or are no seconds, and for those that
-    leave an even grid.
+    `times`: shape (n,), s, finite; None: only the rate is used. `rate`: Hz, as given. `where`,
+    `cure`: file, and remedy for times that do not rise, for messages. `mend`: with "uneven",
+    missing or unevenly spaced samples are interpolated; None: no repair is possible. Raises
+    SceneError for too few times, times that do not rise or are not seconds, and uneven times.
     """
     if times is None:
         return TimeBase(cast(float, rate))
@@ -86,7 +85,7 @@ def time_base(
 
 
 def _fitted(times, rate, steps, rounding):
-    """The grid of stamps that are rounded or drift; None for others."""
+    """The grid of rounded or drifting stamps; None for other stamps."""
     numbers = np.arange(times.size)
     spacing = slope_of(times, numbers) if rate is None else 1.0 / rate
     late = times - numbers * spacing
@@ -99,9 +98,9 @@ def _fitted(times, rate, steps, rounding):
 
 
 def rounded_to(steps: np.ndarray) -> float:
-    """Resolution of rounded stamps (s), 0 if they are not rounded.
+    """Resolution of rounded stamps (s); 0 if they are not rounded.
 
-    Their steps then are two neighbouring multiples of it, each several times.
+    The steps of rounded stamps are two neighbouring multiples of it, each several times.
     """
     low, high = steps.min(), steps.max()
     width = float(high - low)
@@ -114,13 +113,13 @@ def rounded_to(steps: np.ndarray) -> float:
 
 
 def slope_of(times: np.ndarray, numbers: np.ndarray) -> float:
-    """The spacing (s) by least squares of the times over the samples' numbers."""
+    """The spacing (s), as the least-squares slope of times over sample numbers."""
     centred = numbers - numbers.mean()
     return float(centred @ (times - times.mean()) / (centred @ centred))
 
 
 def _drifting(late, spacing, rounding, steps):
-    """The grid of stamps whose clock drifts, with no sample missing; None for others."""
+    """The grid of stamps of a drifting clock without missing samples; None for other stamps."""
     from scipy.interpolate import make_interp_spline
     from scipy.ndimage import uniform_filter1d
 
@@ -137,19 +136,19 @@ def _drifting(late, spacing, rounding, steps):
         f"its clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
         f"{1.0 / spacing:.6g} Hz"
     )
-    places = np.interp(grid, clock, numbers)
+    positions = np.interp(grid, clock, numbers)
     return TimeBase(
         float(1.0 / spacing),
         (remark,),
-        lambda values: make_interp_spline(numbers, values, SPLINE_DEGREE)(places),
+        lambda values: make_interp_spline(numbers, values, SPLINE_DEGREE)(positions),
     )
 
 
 def _uneven(times, rate, steps, where, mend):
-    """The grid of times that leave it, with the spacing of their fit or the given rate."""
+    """The grid of uneven times, with the spacing of their fit or of the given rate."""
     from scipy.interpolate import make_interp_spline
 
-    # Stamps that are rounded have a median step that is another than their mean.
+    # Means are used, since the median step of rounded stamps differs from their mean.
     single = steps[steps <= LONG_STEP * np.median(steps)]
     usual = float(single.mean())
     remark = "" if mend is None else _bridged(times, steps, usual, where)
@@ -162,24 +161,24 @@ def _uneven(times, rate, steps, where, mend):
             f"times their mean of {usual:.6g} s; {cure}"
         )
     if rate is None:
-        # Where only whole samples are missing, the others keep their values.
-        places = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
-        spacing = slope_of(times, places)
-        scatter = np.ptp(times - places * spacing)
+        # If only whole samples are missing, the others keep their values.
+        positions = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
+        spacing = slope_of(times, positions)
+        scatter = np.ptp(times - positions * spacing)
         if scatter <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * spacing):
-            grid = np.arange(places[-1] + 1.0)
+            grid = np.arange(positions[-1] + 1.0)
             return TimeBase(
-                1.0 / spacing, (remark,), lambda values: np.interp(grid, places, values)
+                1.0 / spacing, (remark,), lambda values: np.interp(grid, positions, values)
             )
     spacing = usual if rate is None else 1.0 / rate
     knots = (times[-1] - times[0]) / spacing
     if knots >= most_samples():
         raise SceneError(
-            f"{where}: the time column covers {knots:.3g} spacings of {spacing:.6g} s, and this "
+            f"{where}: the time column covers {knots:.3g} spacings of {spacing:.6g} s, but this "
             f"machine's memory allows {most_samples()}: cut the record at its gaps"
         )
     grid = times[0] + np.arange(int(knots + 1e-9) + 1) * spacing
-    # A spline between usual steps; straight lines over gaps and short steps.
+    # Spline between usual steps; linear interpolation over gaps and short steps.
     odd = (steps < SHORT_STEP * usual) | (steps > LONG_STEP * usual)
     inside = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, steps.size - 1)
     return TimeBase(
@@ -194,7 +193,7 @@ def _uneven(times, rate, steps, where, mend):
 
 
 def _bridged(times, steps, spacing, where):
-    """Remark on gaps bridged by straight lines; raises above `LARGEST_MENDED_SHARE`."""
+    """Remark on linearly interpolated gaps; raise above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
     longest = int(np.argmax(steps))

@@ -1,4 +1,4 @@
-"""Dates and clock times of a text file's column, as seconds after the first."""
+"""Convert dates and clock times in a text file's column to seconds after the first."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ DAY = 86400.0
 # A clock time, with or without a date.
 CLOCK_TIME = re.compile(
     r"(?:(?P<date>\d[\d./-]{5,9}\d)(?:T|,?\s+))?(?P<clock>\d{1,2}:\d{2}(?::\d{2})?)"
-    # Python reads microseconds only and some loggers write nanoseconds, so that the fraction is
-    # read here.
+    # The fraction is parsed here, since Python reads microseconds only and some loggers write
+    # nanoseconds.
     r"(?:[.,](?P<fraction>\d+))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 )
 ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")
 
 
 class StampReader:
-    """Reads the stamps of one column, one after the other.
+    """Parse the time stamps of one column in order.
 
     They follow ISO 8601 (2026-03-01T12:00:00.005Z), or are clock times (12:00:00.005, or 00:00.005
-    for minutes and seconds) without a date or after a date that stays the same. A clock without a
-    date that goes back by half a day or more has passed midnight.
+    for minutes and seconds) without a date or with a constant date. A clock time without a date
+    that decreases by half a day or more has passed midnight.
 
     Examples
     --------
@@ -37,9 +37,9 @@ class StampReader:
         self._clock, self._days = 0.0, 0
 
     def seconds(self, text: str) -> float:
-        """Seconds after the first stamp; NaN for a text that is no time stamp.
+        """Seconds after the first stamp; NaN if the text is not a time stamp.
 
-        Raises ValueError if dates that are not in the order of ISO 8601 change, or zones are mixed.
+        Raises ValueError if zones are mixed, or if dates change that do not follow ISO 8601.
         """
         match = CLOCK_TIME.fullmatch(text.strip())
         if match is None:
@@ -57,15 +57,17 @@ class StampReader:
         try:
             passed = moment - self._first[0]
         except TypeError:
-            raise ValueError("its time stamps are partly with and partly without a zone") from None
+            raise ValueError(
+                "only some of its time stamps have a time zone: write all with or without it"
+            ) from None
         return passed.total_seconds() + (fraction - self._first[1])
 
     def _on_one_day(self, date, clock):
         """Seconds since the first midnight."""
         if self._date not in (None, date):
             raise ValueError(
-                f"its dates change ({self._date}, {date}), and the order of day and month "
-                "is not known: write them after ISO 8601 (2026-03-01T12:00:00.005), or seconds"
+                f"its dates change ({self._date}, {date}), but the order of day and month "
+                "is unknown: write ISO 8601 (2026-03-01T12:00:00.005), or seconds"
             )
         if not date and self._clock - clock > 0.5 * DAY:
             self._days += 1
@@ -74,10 +76,10 @@ class StampReader:
 
 
 def _clock(match):
-    """Whole seconds since midnight."""
+    """Clock time in whole seconds after midnight."""
     parts = [int(part) for part in match["clock"].split(":")]
     if len(parts) == 2:
-        # 00:00.005 are minutes and seconds, 12:30 hours and minutes.
+        # 00:00.005 means minutes and seconds, 12:30 hours and minutes.
         parts = [0, *parts] if match["fraction"] else [*parts, 0]
     hours, minutes, seconds = parts
     half = (match["half"] or "").lower()[:1]

@@ -1,4 +1,4 @@
-"""Frequency and impedance of a Touchstone file of one port (.s1p), by scikit-rf."""
+"""Frequency and impedance of a one-port Touchstone file (.s1p), read by scikit-rf."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from harvester.records.table import (
 def read(content: bytes) -> Table:
     """Columns of the frequency (Hz) and the complex impedance (Ω).
 
-    Raises Unreadable if it is no such file.
+    Raises Unreadable if it is not such a file.
     """
     skrf = optional_library("skrf", "a Touchstone file", "analyser")
     text, scale = content.decode("utf-8", errors="replace"), 1.0
     option = re.search(r"^[ \t]*#[^!\n]*", text, re.MULTILINE)
     if not option:
-        raise Unreadable("without an option line: write its first line as # Hz S RI R 50")
+        raise Unreadable("it has no option line: write its first line as # Hz S RI R 50")
     words = option[0].upper().split()
     with broken_file("Touchstone file of one port", "export it as .csv"):
         if "Y" in words and "[version]" not in text.lower():
-            # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
-            # by it. With a reference of 1 ohm both agree.
+            # Version 1 divides Y by the reference conductance, while scikit-rf 2.2 multiplies by
+            # it. A reference of 1 ohm avoids the difference.
             index = words.index("R") if "R" in words else len(words)
             scale = float([*words, "R", "50"][index + 1])
             line = " ".join([*words[:index], *words[index + 2 :], "R", "1"])

@@ -1,4 +1,4 @@
-"""Columns of a .wav file: PCM of 1 to 8 bytes a sample, and floats."""
+"""Columns of a .wav file: PCM of 1 to 8 bytes per sample, and floats."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from harvester.records.table import Format, Table
 
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
-# Programs that do not know the size yet write this.
+# Size written by programs that do not know it yet.
 UNKNOWN_SIZE = 0xFFFFFFFF
 MOST_CHUNKS = 1000
 
 
 def read(content: bytes) -> Table:
-    """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
+    """Channels as columns; integers are scaled to a full scale of 1, unsigned bytes are centred.
 
-    Raises ValueError if a part is missing, is cut short or contradicts another.
+    Raises ValueError if a chunk is missing, is truncated or contradicts another.
     """
     order, form, start, size = _parts(content)
     channels, rate, stride, dtype = _layout(order, form)
     if size > len(content) - start:
         raise ValueError(
-            f"it claims {size} bytes of samples and holds {len(content) - start}: it is cut "
-            "short; record it again or repair its header"
+            f"it claims {size} bytes of samples but contains {len(content) - start}: it is "
+            "truncated; record it again or repair its header"
         )
     rows = size // stride
     samples = np.frombuffer(content, np.uint8, rows * stride, start if rows else 0)
     samples = samples.reshape(rows, channels, stride // channels)
-    # Integers of 3, 5, 6 or 7 bytes become the upper bytes of a longer one.
+    # Integers of 3, 5, 6 or 7 bytes become the upper bytes of a longer integer.
     upper = slice(-samples.shape[2], None) if order == "<" else slice(samples.shape[2])
 
     def column(channel):
@@ -49,7 +49,7 @@ def read(content: bytes) -> Table:
 
 
 def _parts(content):
-    """(byte order, content of `fmt `, start and claimed size of `data`)."""
+    """Return (byte order, content of `fmt `, start and claimed size of `data`)."""
     kind = content[:4]
     if kind not in (b"RIFF", b"RIFX", b"RF64") or content[8:12] != b"WAVE":
         raise ValueError("it does not begin as a .wav file does (RIFF … WAVE)")
@@ -76,7 +76,7 @@ def _parts(content):
 def _layout(order, form):
     """(channels, Hz, bytes of one sample of all channels, dtype of a sample)."""
     if len(form) < 16:
-        raise ValueError("the format of its samples is cut short (fmt chunk)")
+        raise ValueError("the format of its samples is truncated (fmt chunk)")
     tag, channels, rate, _, stride, bits = struct.unpack_from(f"{order}HHIIHH", form)
     if tag == EXTENSIBLE and len(form) >= 28:
         (tag,) = struct.unpack_from(f"{order}I", form, 24)

@@ -1,1 +1,1 @@
-"""Results of engines and stationary methods: printed, written, drawn and read back."""
+"""Results of engines and stationary methods: print, write, draw and read them."""

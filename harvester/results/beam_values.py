@@ -1,4 +1,4 @@
-"""The lumped values of a drawing, as a result."""
+"""The lumped values of a beam drawing, as a result."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ COLUMNS = ("quantity", "equation", "value", "unit")
 
 @dataclass(frozen=True, repr=False)
 class BeamValues(ResultBase):
-    """A scene's beam with its lumped values, to be shown and written."""
+    """The lumped values of a scene's beam, as a result that can be printed and written."""
 
     scene: Scene
     beam: Beam
 
     def view(self) -> View:
-        """Lumped values; side view, first mode, and the spring of the magnets."""
+        """The lumped values, with pictures of the side view, the first mode and the magnets'
+        spring.
+        """
         return View(
             self._table(),
             self._findings(),
@@ -40,7 +42,7 @@ class BeamValues(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """The device with its magnets; where the theory holds only roughly; a polynomial."""
+        """Sentences on the device with its magnets, and on limits of the theory's validity."""
         return [*self._with_magnets(), *remarks(self.beam, self.scene.magnets)]
 
     def _with_magnets(self):
@@ -50,11 +52,11 @@ class BeamValues(ResultBase):
         model = prepared(self.scene)
         system, length = model.system, model.scales.displacement
         wells, saddles = timescales.wells(system), timescales.saddles(system)
-        places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
+        positions = ", ".join(quantity(length * well, "m") for well in sorted(wells))
         sentences = [
             "the table is of the beam without its magnets",
             *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
-            f"with magnets the tip rests at {places}",
+            f"with magnets the tip rests at {positions}",
         ]
         if saddles:
             depths = [float(potential(system, well)) for well in wells]

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Densities are drawn down to this share of their peak.
+# Densities are drawn where they exceed this share of their peak.
 WORTH_DRAWING = 1e-3
-# Most intervals between ticks on a density's axis, since labels of SI scenes are long.
+# Maximum number of tick intervals on a density's axis, since labels of SI scenes are long.
 MOST_TICKS = 5
 # Bins per axis of the density in a section.
 SECTION_BINS = 60
-# Fewest bins of a density, however few its effective samples: its shape remains visible.
+# Minimum number of bins of a density even with few effective samples, so that its shape is visible.
 FEWEST_BINS = 40
 
 
@@ -52,7 +52,7 @@ def draw_result(result: Any) -> Figure | None:
 
 
 def _draw_section(result, axes):
-    """Draw the stroboscopic section: points in a colour for each orbit; under noise a density."""
+    """Draw the stroboscopic section: points coloured by orbit, or under noise a density."""
     x, v = result.section().reshape(-1, 2).T
     if result.scene.excitation.random:
         axes.hist2d(x, v, bins=SECTION_BINS, density=True, cmin=1e-300, cmap="viridis")
@@ -83,7 +83,7 @@ def _fit_panel(result):
 
 
 def mark_frequency(axes: Axes, frequency: float, label: str) -> None:
-    """A dotted line at a frequency of the device."""
+    """Draw a dotted vertical line at a frequency of the device."""
     axes.axvline(frequency, color="0.3", linestyle=":", linewidth=0.9, label=label)
 
 
@@ -103,7 +103,7 @@ def draw_density(axes: Axes, result: Any, name: str, label: str | None, **style:
 
 
 def _merged(result, name):
-    """A density of so few bins as its effective samples fill: Rice's 2 n^⅓ of them, or more."""
+    """A density with fewer bins: 2 n^⅓ for n effective samples (Rice), or `FEWEST_BINS`."""
     density = result.densities[name]
     about = result.scaled_quantities.get(f"mean_square_{name}")
     samples = about.effective_sample_size if about else None
@@ -111,8 +111,7 @@ def _merged(result, name):
     if random and (density.standard_error is None or not samples):
         return density
     held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
-    # A periodic motion is sampled at the same few positions again and again: narrow bins would show
-    # only gaps.
+    # A periodic motion has samples at few positions, so that narrow bins would show gaps.
     size = held // max(FEWEST_BINS, math.ceil(2.0 * (samples or 0.0) ** (1.0 / 3.0)))
     if size < 2:
         return density
@@ -127,7 +126,7 @@ def _merged(result, name):
 
 
 def frame(axes: Axes, results: Sequence[Any], name: str) -> None:
-    """Limit the axis to where the densities are worth drawing."""
+    """Limit the axis to the range in which the densities are visible."""
     ends = []
     for result in results:
         density = result.densities[name]
@@ -139,13 +138,13 @@ def frame(axes: Axes, results: Sequence[Any], name: str) -> None:
 
 
 def axis_label(result: Any, name: str) -> str:
-    """A dimension and its unit."""
+    """Label of an axis: a dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
 
 
 def density_label(result: Any, name: str) -> str:
-    """ "probability density [1/m]" of a dimension."""
+    """Label of a density's axis, such as "probability density [1/m]"."""
     unit = result.unit(name)
     inverse = f"1/{f'({unit})' if '/' in unit else unit}"
     return f"probability density [{'scaled' if unit.startswith('scaled') else inverse}]"

@@ -1,4 +1,4 @@
-"""Figures, drawn with matplotlib when asked for."""
+"""Draw figures with matplotlib and write them to files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STYLE = Path(__file__).parent / "house.mplstyle"
 def drawn(draw: Callable, result: Any) -> Any:
     """Call `draw` on a result with the project's style, independent of matplotlib's settings.
 
-    A notebook shows the figure without `%matplotlib inline`.
+    Notebooks show the figure without `%matplotlib inline`.
     """
     with figure_settings(STYLE):
         figure = draw(result)
@@ -31,7 +31,7 @@ def drawn(draw: Callable, result: Any) -> Any:
 
 
 def image(figure: Figure, format: str = "svg") -> bytes:
-    """A figure as the content of a file."""
+    """A figure as the bytes of a file."""
     file = io.BytesIO()
     with figure_settings(STYLE):
         _print(figure, file, format=format)
@@ -39,7 +39,7 @@ def image(figure: Figure, format: str = "svg") -> bytes:
 
 
 def write(figure: Figure, path: str | Path) -> None:
-    """Write a figure into a file, whole; the suffix chooses the format.
+    """Write a figure atomically to a file; the suffix determines the format.
 
     Raises
     ------

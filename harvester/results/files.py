@@ -1,4 +1,4 @@
-"""The files of a result: JSON, tables, figures and other texts."""
+"""Write a result's files: JSON, tables, figures and texts."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ KINDS = f"a file that ends in .json, {', '.join(ENDINGS)}, or a folder"
 
 
 def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") -> list[str]:
-    """Write a result into a folder, or into one file, each file whole or not at all.
+    """Write a result to a folder or a file, each file completely or not at all.
 
-    A folder gets JSON, a CSV table, the figures, the result's texts and, of a result with axes of
-    its own, NetCDF if xarray is installed.
+    A folder receives JSON, a CSV table, the figures and the result's texts. If the result has its
+    own axes and xarray is installed, it also receives NetCDF.
 
     Parameters
     ----------
     result : ResultBase or Scene
-        A scene is written into a file that ends in .toml.
+        A scene needs a file that ends in .toml.
     target : str or Path
-        A file that ends in .json, .csv, .nc, .png, .svg, .pdf or .toml; without an ending a folder.
+        A file that ends in .json, .csv, .nc, .png, .svg, .pdf or .toml; without a suffix, a folder.
     name : str
         Beginning of the names of the folder's files (default: the scene's name and the kind of
         result).
@@ -47,8 +47,8 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
         `result` or `target` is not usable; `OutputError` if a file cannot be written.
     """
     if not isinstance(target, (str, os.PathLike)) or not str(target).strip():
-        raise HarvesterError(f"save: {shown(target)}: is no path: give {KINDS}")
-    # A command's folder holds finished parts already, under the name that the shell passed on.
+        raise HarvesterError(f"save: {shown(target)}: is not a path: give {KINDS}")
+    # A command has expanded `~` already, and its folder may contain intermediate results.
     directory = Path(target if name else os.path.expanduser(target))
     ending = directory.suffix.lower()
     if isinstance(result, Scene) and ending == ".toml":
@@ -56,7 +56,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
         return [directory.name]
     if not isinstance(result, ResultBase):
         raise HarvesterError(
-            f"save: {shown(result)}: is no result: pass the return value of simulate or of a "
+            f"save: {shown(result)}: is not a result: pass the return value of simulate or of a "
             "study; a scene is saved as a file that ends in .toml"
         )
     if not name and (not directory.is_dir() or directory.name == ".."):

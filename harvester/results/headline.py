@@ -1,4 +1,4 @@
-"""The first line of a report: power, load and conditions."""
+"""The headline of a report: power, load and conditions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NOT_NAMED = ("kind", "knot_spacing", "full_scale")
 
 
 def headline(result: Any) -> str:
-    """One line: the power, the load, the excitation and the method."""
+    """One sentence on the power, the load, the excitation and the method."""
     quantities, scene = result.scaled_quantities, result.scene
     name = next((key for key in ("mean_output_power", "mean_power") if key in quantities), "")
     if not name:
@@ -28,7 +28,7 @@ def headline(result: Any) -> str:
 
 
 def load(scene: Scene) -> str:
-    """The load and its values in words."""
+    """The load and its values, as text."""
     table = scene.to_tables()["load"]
     values = [*_values("load", table, scene), *_values("load.parameters", table, scene)]
     name = PurePath(str(table.get("netlist", ""))).stem
@@ -38,7 +38,7 @@ def load(scene: Scene) -> str:
 
 
 def conditions(scene: Scene) -> str:
-    """The excitation in words."""
+    """The excitation, as text."""
     table = scene.to_tables()["excitation"]
     kind = f"{table['kind']} excitation"
     if "file" in table:
@@ -49,7 +49,7 @@ def conditions(scene: Scene) -> str:
 
 
 def _values(prefix, table, scene):
-    """Numbers of a table with words and units, those that `run` and steps are about left out."""
+    """A table's numbers with names and units, without settings of the run and the step."""
     inner = table.get("parameters", {}) if prefix.endswith("parameters") else table
     for key, value in inner.items():
         if isinstance(value, (int, float)) and key not in NOT_NAMED and value is not True:

@@ -1,4 +1,4 @@
-"""The joint density of displacement and velocity, methods side by side."""
+"""Figure of the joint density of displacement and velocity, one panel per method."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# A density is coloured down to this share of its peak.
+# Densities below this share of their peak are left blank.
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
 
 
 def draw(results: Sequence[Any]) -> Figure | None:
-    """p(X, X') of every result that has one, on the grid and colour scale of the last of them.
+    """Draw p(X, X') of every result that has it, on the last result's grid and colour scale.
 
-    Wells are marked by dots, saddles by crosses.
+    Dots mark wells, crosses mark saddles.
     """
     from matplotlib.figure import Figure
 
@@ -33,16 +33,16 @@ def draw(results: Sequence[Any]) -> Figure | None:
     ]
     if not drawn:
         return None
-    last, places = drawn[-1]
+    last, points = drawn[-1]
     area = last.scales.of("displacement") * last.scales.of("velocity")
-    values = np.stack([joint.on(places) for _, joint in drawn]) / area
+    values = np.stack([joint.on(points) for _, joint in drawn]) / area
     figure = Figure(figsize=(0.9 + 3.3 * len(drawn), 3.1))
     axes = figure.subplots(1, len(drawn), sharex=True, sharey=True, squeeze=False)[0]
     meshes = [
-        _draw_panel(panel, result, places, density, values.max())
+        _draw_panel(panel, result, points, density, values.max())
         for panel, (result, _), density in zip(axes, drawn, values, strict=True)
     ]
-    _frame(axes[0], last, places, values.max(axis=0))
+    _frame(axes[0], last, points, values.max(axis=0))
     axes[0].set_ylabel(axis_label(last, "velocity"))
     unit = "s/m²" if last.scene.units == "SI" else "scaled"
     figure.colorbar(meshes[-1], ax=axes, label=f"probability density [{unit}]", pad=0.02)
@@ -50,12 +50,11 @@ def draw(results: Sequence[Any]) -> Figure | None:
     return figure
 
 
-def _draw_panel(axes, result, places, values, highest):
+def _draw_panel(axes, result, points, values, highest):
     from matplotlib.colors import LogNorm
 
     least = LEAST_SHARE * highest
-    x, v = _in_units(result, places)
-    # Values below the least are left blank.
+    x, v = _in_units(result, points)
     visible = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, visible.T, norm=norm, cmap=COLOURS, rasterized=True)
@@ -68,16 +67,16 @@ def _draw_panel(axes, result, places, values, highest):
     return mesh
 
 
-def _frame(axes, result, places, values):
-    """Limits a little beyond the drawn data."""
+def _frame(axes, result, points, values):
+    """Set limits slightly beyond the drawn data."""
     seen = values > LEAST_SHARE * values.max()
     limits = (axes.set_xlim, axes.set_ylim)
-    for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):
+    for set_limits, along, other in zip(limits, _in_units(result, points), (1, 0), strict=True):
         reach = along[seen.any(axis=other)]
         spare = 0.05 * np.ptp(reach)
         set_limits(reach[0] - spare, reach[-1] + spare)
 
 
-def _in_units(result, places):
+def _in_units(result, points):
     """Displacements and velocities in the scene's units."""
-    return [getattr(places, name) * result.scales.of(name) for name in ("displacement", "velocity")]
+    return [getattr(points, name) * result.scales.of(name) for name in ("displacement", "velocity")]

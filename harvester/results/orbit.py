@@ -1,4 +1,4 @@
-"""A steady motion of a driven device on which some of a run's starts settle."""
+"""Attractor: a steady motion of a driven device that some of a run's starts reach."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from harvester.base.serialising import plain
 from harvester.statistics.attractors import Divergence
 from harvester.statistics.estimate import Estimate
 
-# Kinds of motions without a period: if the exponent is not above 0, and if there is none.
+# Aperiodic motions: with a Lyapunov exponent that is not above 0, and with an unknown exponent.
 NOT_SETTLED, UNDETERMINED = "not settled", "no period: chaotic or not settled"
 NO_PERIOD = "no period"
-# Kinds of starts that reach no steady motion: a load's store, the mass, the numbers.
+# Starts that reach no steady motion: a store charges, the mass leaves the range, values overflow.
 CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
@@ -39,22 +39,22 @@ class Attractor:
     ----------
     name : A, B, … in the order of their shares, or one of `UNSTEADY`.
     period
-        Period of the motion in periods of the excitation; None if it does not repeat itself.
+        Period of the motion in periods of the excitation; None for an aperiodic motion.
     periodic_drive
-        Whether the excitation has a period; else motions are those that meet.
+        Whether the excitation is periodic; otherwise starts whose paths meet form one motion.
     starts, share
-        Number of starts that settled on it, and their share of all starts.
+        Number of starts that settled on the motion, and their share of all starts.
     share_error
-        Standard error of the share, if starts are drawn at random.
+        Standard error of the share, if starts are drawn randomly.
     quantities
-        For a periodic motion power, voltage and displacement over whole cycles of the start
-        that converged best, and the others of its starts that had settled before the measurement;
-        else means of its starts alone. Empty if the motion is not steady.
+        Means of power, voltage and displacement; empty if the motion is not steady. For a periodic
+        motion, means over whole cycles of the start that converged best and of starts that settled
+        before the measurement. Otherwise means over all its starts.
     points
-        Displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
+        Displacement and velocity at the starts of the excitation's periods; shape (n, 2).
     lyapunov
-        The largest Lyapunov exponent (1/s) of a motion without a period; None where it was
-        not looked for or no neighbours could be followed.
+        The largest Lyapunov exponent (1/s) of an aperiodic motion; None if it was not computed or
+        no neighbours could be followed.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Attractor:
 
     @property
     def kind(self) -> str:
-        """The kind of motion, in words."""
+        """The kind of motion, as text."""
         if self.name in UNSTEADY:
             return self.name
         if self.period is not None:
@@ -100,7 +100,7 @@ class Attractor:
 
 
 def share_error(part: int, count: int) -> float:
-    """Standard error of a share of starts drawn evenly; none and all count half a start less."""
+    """Standard error of a share of independent starts, above 0 even if no or all starts count."""
     share = (part + 0.5) / (count + 1.0)
     return math.sqrt(share * (1.0 - share) / count)
 

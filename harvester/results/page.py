@@ -1,4 +1,4 @@
-"""Pages of HTML that hold all of a result and load nothing from elsewhere."""
+"""Self-contained HTML pages of results."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from harvester.version import __version__
 if TYPE_CHECKING:
     from harvester.results.view import View
 
-# A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
-# so below this share of its drawn size, at which its values are 7 points high.
+# Below this width a picture scrolls in its frame, so that it stays readable. A schematic has a
+# minimum share of its drawn size instead, at which its values are 7 points high.
 NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
-# Rows of a table per page. Sentences after the first few are folded.
+# Rows of a table per page, and sentences that are shown unfolded.
 ROWS, SENTENCES = 25, 8
 # Largest magnification of a picture.
 LARGEST_SCALE = 1.3
 
 
 class Verdict(NamedTuple):
-    """A sentence, and whether it is good news; None where it is neither."""
+    """A sentence, and whether it is favourable; None if it is neutral."""
 
     text: str
     good: bool | None = None
 
 
 def page(title: str, about: str, sections: dict[str, str]) -> str:
-    """A self-contained page of HTML: title, date, version and `about`, and HTML by its heading."""
+    """A self-contained HTML page: title, date, version, `about`, and sections by heading."""
     template = resources.files("harvester.results").joinpath("page.html").read_text("utf-8")
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return Template(template).substitute(
@@ -45,7 +45,7 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
 
 
 def verdicts(view: View) -> list[Verdict]:
-    """The first sentences of a page: the headline of a result and its alarms."""
+    """The first sentences of a page: the result's headline and its alarms."""
     return [Verdict(view.main_finding), *(Verdict(alarm, False) for alarm in view.alarms)]
 
 
@@ -56,20 +56,20 @@ def verdict_list(verdicts: Iterable[Verdict]) -> str:
 
 
 def wide(content: str) -> str:
-    """Content in a frame that scrolls sideways if the page is narrow."""
+    """Content in a frame that scrolls horizontally if the page is narrow."""
     return f'<div class="wide" tabindex="0">{content}</div>'
 
 
 def facts(text: str) -> str:
-    """A paragraph in small print."""
+    """A paragraph in small type."""
     return f'\n<p class="facts">{_escaped(text)}</p>'
 
 
 def all_facts(lines: Sequence[str]) -> str:
-    """Paragraphs in small print; many of them are folded after the first few."""
-    first, others = lines[:SENTENCES], lines[SENTENCES:]
-    more = _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
-    return "".join(map(facts, first)) + more
+    """Paragraphs in small type; all after the first few are folded."""
+    first, rest = lines[:SENTENCES], lines[SENTENCES:]
+    folded = _folded(f"{len(rest)} more", "".join(map(facts, rest))) if rest else ""
+    return "".join(map(facts, first)) + folded
 
 
 def _folded(summary, content, is_open=False):
@@ -83,7 +83,7 @@ def _escaped(text):
 
 
 def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:
-    """A table; of the kind "text" its cells wrap."""
+    """A table; cells of the kind "text" wrap."""
     head = "".join(f'<th scope="col">{_escaped(cell)}</th>' for cell in header)
     body = "\n".join(
         "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
@@ -94,7 +94,7 @@ def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "
 
 
 def table_in_pages(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table that scrolls in its frame; a long one in pages to open, the first of them open."""
+    """A table in a scrolling frame; a long one is split into foldable pages, the first open."""
     parts = [rows[first : first + ROWS] for first in range(0, len(rows), ROWS)]
     if len(parts) < 2:
         return wide(table_of(header, rows))
@@ -109,9 +109,9 @@ def table_in_pages(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0.0) -> str:
-    """A picture within the page; a small one is not made as wide as the page.
+    """A picture in the page; small pictures are not enlarged to the page's width.
 
-    With `least_scale` it is shown with at least this share of its drawn size.
+    `least_scale`: minimum displayed size as a share of the drawn size.
     """
     data = base64.b64encode(svg).decode()
     size = f"min-width: {NARROWEST_FIGURE}"

@@ -1,10 +1,10 @@
-"""Colours and markers: every method has one, the same in every figure."""
+"""Colours and markers of the methods, the same in every figure."""
 
 from collections.abc import Iterable
 from itertools import cycle
 
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
-# Colour and line style of each closure.
+# Colour and line style of each stationary method.
 LINES = {
     "paper": ("0.55", "--"),
     "consistent": ("#009E73", "-"),
@@ -26,6 +26,6 @@ _SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=
 
 
 def styles(groups: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """(colour, marker) of each of these groups; new groups get the next spare ones."""
+    """(colour, marker) of each group; unknown groups get the next unused ones."""
     spare = cycle(_SPARE)
     return {name: _GROUPS.get(name) or next(spare) for name in dict.fromkeys(groups)}

@@ -1,4 +1,4 @@
-"""Figures from data: panels of series with error bars."""
+"""Figures made of panels with data series and error bars."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ if TYPE_CHECKING:
 # Default number of panels in a row.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
-# Width (inches) of a legend's entry without its words, and of a letter in the house style.
+# Width (inches) of a legend entry's mark, and of one letter in the project's style.
 MARK, LETTER = 0.6, 0.075
-# An axis is logarithmic from this ratio of its values. Over less it would have too few labels.
+# An axis is logarithmic from this ratio of its values; over a smaller one it has too few labels.
 WIDE_RATIO = 10.0
-# Below this ratio of its ends a logarithmic axis has labels between the decades too, of which there
-# are at most two.
+# Below this ratio of its limits, a logarithmic axis also has labels between its decades.
 FEW_DECADES = 100.0
 # Labels between these two values are printed without a power of ten.
 PLAIN = (1e-3, 1e4)
@@ -28,7 +27,7 @@ PLAIN = (1e-3, 1e4)
 
 @dataclass(frozen=True)
 class Series:
-    """Points, joined by a line or not.
+    """Points, optionally joined by a line.
 
     Attributes
     ----------
@@ -36,21 +35,21 @@ class Series:
     label : str or None
         Text in the legend.
     colour : str or None
-        None: the next of the style's own.
+        None: the next colour of the style.
     line, marker : str
         Style and marker as in matplotlib; "" for none.
     bars : array_like or None
-        Lengths of the error bars to either side; of shape (n,), or (2, n) below and above.
+        Lengths of the error bars: shape (n,), or (2, n) for below and above.
     band : array_like or None, shape (n,)
         Half the height of a band about the line.
     hollow : array_like of bool or None, shape (n,)
-        Points whose mark is not filled.
+        Points whose marker is not filled.
     size : float
-        Size of a mark.
+        Size of a marker.
     width : float or None
-        Width of a line; None: the style's own.
+        Width of a line; None: the style's width.
     shift : float
-        Points of print to the right, so that marks at the same position are side by side.
+        Shift to the right in points, so that markers at the same position are side by side.
     """
 
     x: Any
@@ -79,7 +78,7 @@ class Panel:
     from_zero : bool
         Whether the y axis begins at 0.
     more : callable or None
-        Draws everything else into the given axes.
+        Function of the axes that draws anything else.
     """
 
     x_label: str
@@ -93,7 +92,7 @@ class Panel:
 
 
 def is_wide(values: Iterable[float]) -> bool:
-    """Whether values are worth a logarithmic axis."""
+    """Whether values span a range wide enough for a logarithmic axis."""
     values = list(values)
     return min(values) > 0.0 and max(values) >= WIDE_RATIO * min(values)
 
@@ -114,7 +113,8 @@ def draw_panels(
     size : (float, float)
         Size of a panel, in inches.
     columns : int
-        Most panels in a row; only the first of a row names its y axis, where that is the same.
+        Maximum number of panels in a row; if all y labels are equal, only a row's first panel has
+        one.
     **shared
         `sharex`, `sharey` of `matplotlib.figure.Figure.subplots`.
     """
@@ -124,21 +124,21 @@ def draw_panels(
     rows = -(-len(panels) // columns)
     wide = max(1.2 + size[0] * columns, 5.0)
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
-    places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
+    axes_grid = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
     same = len({panel.y_label for panel in panels}) == 1
-    for index, (axes, panel) in enumerate(zip(places, panels, strict=False)):
+    for index, (axes, panel) in enumerate(zip(axes_grid, panels, strict=False)):
         _draw_panel(axes, panel)
         if same and index % columns:
             axes.set_ylabel("")
-    for axes in places[len(panels) :]:
+    for axes in axes_grid[len(panels) :]:
         axes.remove()
-    legend_below(figure, places[: len(panels)])
+    legend_below(figure, axes_grid[: len(panels)])
     set_title(figure, title)
     return figure
 
 
 def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """One legend for all panels; a label that several have is shown once."""
+    """Draw one legend for all panels; a repeated label is shown once."""
     legend: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
@@ -149,7 +149,7 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
 
 
 def _columns(labels, width):
-    """Number of a legend's columns that fit into a figure of this width (inches)."""
+    """Number of legend columns that fit into a figure of this width (inches)."""
     for columns in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
         # matplotlib fills a legend column by column.
         longest = (max(map(len, part)) for part in np.array_split(labels, columns))
@@ -159,12 +159,12 @@ def _columns(labels, width):
 
 
 def set_title(figure: Figure, title: str) -> None:
-    """The title of a figure: small, at the left, wrapped at the right edge."""
+    """Set a figure's title: small, left-aligned, wrapped at the right edge."""
     figure.suptitle(title, x=0.01, ha="left", fontsize=9, wrap=True)
 
 
 def thin_ticks(axes: Axes) -> None:
-    """Labels of logarithmic axes: decades, and 1, 2, 5 over less than two of them."""
+    """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis in (axes.xaxis, axes.yaxis):
@@ -178,7 +178,7 @@ def thin_ticks(axes: Axes) -> None:
 
 
 def _tick(value):
-    """A number as text: in plain form if that is short, else with a power of ten."""
+    """A number as text: plain if that is short, else with a power of ten."""
     if PLAIN[0] <= value < PLAIN[1]:
         return f"{value:g}"
     first, _, power = f"{value:.0e}".partition("e")
@@ -203,9 +203,9 @@ def _draw_panel(axes, panel):
 
 
 def draw_series(axes: Axes, series: Series) -> None:
-    """Draw one series into axes."""
+    """Draw one series."""
     x, y = np.asarray(series.x), np.asarray(series.y)
-    # Error bars of length 0 would show as caps.
+    # Error bars of length 0 would appear as caps.
     bars = axes.errorbar(
         x,
         y,
@@ -214,7 +214,7 @@ def draw_series(axes: Axes, series: Series) -> None:
         linestyle=series.line or "none",
         marker=series.marker,
         markersize=series.size,
-        # Caps of different size stay visible where two series coincide.
+        # Caps of different sizes remain visible if two series coincide.
         capsize=0.5 * series.size,
         linewidth=series.width,
         elinewidth=1.0,
@@ -232,13 +232,13 @@ def draw_series(axes: Axes, series: Series) -> None:
             color=colour,
             markersize=series.size,
             markerfacecolor="white",
-            # An error bar's own marks lie a little above its lines.
+            # Caps are drawn slightly above their line.
             zorder=line.get_zorder() + 0.1,
         )
     if series.shift:
         from matplotlib.transforms import ScaledTranslation
 
-        # After the drawing: the axes' limits follow marks in their original positions only.
+        # The shift is applied after drawing, so that limits depend on the original positions only.
         shift = ScaledTranslation(series.shift / 72.0, 0.0, axes.figure.dpi_scale_trans)
         for artist in (line, *caps, *stems, *empty):
             artist.set_transform(axes.transData + shift)

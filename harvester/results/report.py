@@ -1,4 +1,4 @@
-"""`--report`: one page that holds all of a study, under one headline."""
+"""`--report`: one HTML page of a result under one headline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harvester.scene.described import scene_rows
 
 
 def page_of(result: ResultBase, title: str) -> str:
-    """A result as a page of HTML: its own page where it has one."""
+    """A result as an HTML page; if the result defines a page, that page."""
     view = result.view()
     if view.page:
         return view.page()

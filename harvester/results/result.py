@@ -1,4 +1,4 @@
-"""Results with their evidence: the return value of every engine and closure, and its view."""
+"""Result of an engine or a stationary method, with its evidence and view."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 # The step error of a difference of powers is printed if it exceeds this multiple of the powers'
-# own.
+# step error.
 LARGER_ERROR = 1.5
-# Why a value has an error of 0.
+# Explanation of an error of 0.
 CONSTANT = "constant in the run: the load or the scene fixes it"
 ERROR_KINDS = ("statistical", "numerical")
 
 
 @dataclass(frozen=True, repr=False)
 class Result(ResultBase):
-    """Quantities of one scene by one engine or closure, with error bars and provenance.
+    """Quantities of one scene by one engine or stationary method, with error bars and provenance.
 
-    `result["mean_power"]` is an estimate in the scene's own units, as are all of `quantities`;
+    `result["mean_power"]` is an estimate in the scene's units, as are all of `quantities`;
     `scaled_quantities` and `densities` are in scaled units.
 
     Attributes
@@ -73,46 +73,45 @@ class Result(ResultBase):
     error_kind : str
         "statistical", or "numerical" for averaging.
     energy_balance_residual : float or None
-        Share of the energy put in that is not found again.
+        The energy input that is not accounted for, as a share of the input.
     wall_seconds : float
         Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
-        Summed over realizations: `simulated_time` over it is the rate of one core.
+        Sum over realizations (s): `simulated_time` divided by it is the speed of one core.
     simulated_time : float
-        Summed over realizations, settling included (s); 0 for averaging.
+        Sum over realizations, including settling (s); 0 for averaging.
     steps : int
     step : float or None
         Longest step (s).
     step_error : float or None
-        Share of a mean power that the steps may cost, by `harvester.scene.steps.step_error`;
-        None where it is not known. It is part of the error bars where nothing is by chance.
+        Relative error of a mean power due to the step, by `harvester.scene.steps.step_error`; None
+        if unknown. Error bars of deterministic runs include it.
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
         SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
-        Caveats for citing a number.
+        Caveats for citing the numbers.
     densities : dict of str to Density
         Densities of displacement, velocity and voltage.
     joint_density : JointDensity or None
-        Density of displacement and velocity together: of the stationary solver, or where it was
-        asked for.
+        Joint density of displacement and velocity, of the stationary solver or if requested.
     waveform : Waveform or None
-        A stretch of the first realization, in the scene's units; None of averaging.
+        A time interval of the first realization, in the scene's units; None for averaging.
     failures : dict of int to str
-        Realizations that failed for good, with the reason; left out of the estimates.
+        Realizations that failed repeatedly, with the reason; excluded from the estimates.
     moments : list of harvester.statistics.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
         The fit that averaging over a record used.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
-        If requested, the state at the beginnings of the excitation's periods, scaled, in
-        the columns of `harvester.statistics.stroboscope.COLUMNS`; see `section`.
+        If requested, the scaled state at the starts of the excitation's periods, with the columns
+        `harvester.statistics.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
-        For a deterministic run from several starts: the motions that they reach.
+        Motions reached in a deterministic run from several starts.
     outcome : str
-        "complete", "incomplete" where realizations failed, or the name of the error that ended
-        the run early.
+        "complete", "incomplete" if realizations failed, or the name of the error that ended the run
+        early.
     """
 
     scene: Scene = field(metadata=LEFT_OUT)
@@ -142,12 +141,12 @@ class Result(ResultBase):
     attractors: tuple[Attractor, ...] = field(default=(), metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
-        why = "" if self.densities else " (JSON holds none: run the scene again)"
+        why = "" if self.densities else " (JSON contains none: run the scene again)"
         densities = Named(f"{self.scene.name}: no density{why} of", self.densities)
         object.__setattr__(self, "densities", densities)
 
     def quantity(self, name: str) -> Estimate:
-        """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
+        """An estimate in the scene's units, like `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
             if name in (*self.densities, "density", "densities"):
@@ -161,7 +160,7 @@ class Result(ResultBase):
     __getitem__ = quantity
 
     def _numbers(self) -> Named:
-        """All estimates that the table shows: each mean square is followed by its root."""
+        """All estimates in the table; each mean square is followed by its root."""
         return Named(f"{self.scene.name}: no quantity", with_roots(self.quantities))
 
     @cached_property
@@ -171,7 +170,7 @@ class Result(ResultBase):
 
     @property
     def seed(self) -> int:
-        """The seed of the noise and of all other random numbers."""
+        """The seed of the noise and all other random numbers."""
         return self.scene.run.seed
 
     @property
@@ -186,7 +185,7 @@ class Result(ResultBase):
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN and missing errors become null.
 
-        Densities, waveform and moments are left out: see `density_table` and `to_xarray`.
+        Densities, waveform and moments are omitted: see `density_table` and `to_xarray`.
         """
         content = {
             **fields_of(self),
@@ -208,14 +207,14 @@ class Result(ResultBase):
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
-        """The result that `to_dict` made plain values of.
+        """Build a result from the return value of `to_dict`.
 
-        Its scene's files are read again, a load's netlist from `folder` or the current one.
+        The scene's files are read again, a load's netlist from `folder` or the current one.
 
         Raises
         ------
         HarvesterError
-            These are not the values of a result.
+            `content` is not the values of a result.
         SceneError
             A file of the scene is missing or has changed.
         """
@@ -227,18 +226,19 @@ class Result(ResultBase):
             reason = f"{error} is missing"
         except (TypeError, AttributeError, ValueError, OverflowError) as error:
             reason = f"{type(error).__name__}: {error}"
-        raise HarvesterError(f"no result: {reason}; pass the return value of Result.to_dict")
+        raise HarvesterError(f"not a result: {reason}; pass the return value of Result.to_dict")
 
     def _dataset(self) -> Dataset:
-        """All quantities and densities in the scene's units, each with its standard error or nan.
+        """All quantities and densities in the scene's units with their standard errors (NaN if
+        unknown).
 
         Returns
         -------
         xarray.Dataset
-            Quantities without a dimension; `displacement_density` and so on along `displacement`
-            and so on, the bins' centres; `joint_density`, if the result has one, along
-            `joint_displacement` and `joint_velocity`. Every error is `…_standard_error`; the
-            attribute `unit` is the unit.
+            Quantities have no dimension. `displacement_density` and other densities have the bins'
+            centres as coordinates `displacement` etc. `joint_density`, if any, has
+            `joint_displacement` and `joint_velocity`. Errors are `…_standard_error`; the attribute
+            `unit` is the unit.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class Result(ResultBase):
         return xarray.Dataset(variables, coordinates, attributes)
 
     def density_table(self) -> Table:
-        """The densities in the scene's units, a row for each bin."""
+        """The densities in the scene's units, one row per bin."""
         header = ["quantity", "centre", "density", "standard_error", "unit_of_centre"]
         rows = []
         for name, density in self.densities.items():
@@ -285,7 +285,7 @@ class Result(ResultBase):
         return Table(header, rows)
 
     def view(self) -> View:
-        """Quantities with their error bars, the evidence, densities."""
+        """The quantities with error bars, the evidence and the densities."""
         return View(
             self._table(),
             self._findings(),
@@ -302,16 +302,16 @@ class Result(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text: quantity, unit, value with error bar, effective samples.
+        """Header and rows as text: quantity, unit, value with error bar, effective samples.
 
-        Mean squares are followed by their roots, values without an error bar by the reason.
+        A mean square is followed by its root, and a value without error bar by the reason.
         """
         numerical = self.error_kind == "numerical"
         value = "value ± numerical" if numerical else "estimate ± standard"
         header = ["quantity", "unit", f"{value} error"]
         header += ["effective samples"] * (not numerical)
         printed = self._numbers()
-        # A value without an error bar has a note that says why.
+        # A column explains missing error bars.
         reasons = {
             name: CONSTANT if mean.standard_error == 0.0 and not mean.note else mean.note
             for name, mean in printed.items()
@@ -334,7 +334,7 @@ class Result(ResultBase):
         return header, rows
 
     def _records(self):
-        """Header and a row for each quantity, in the scene's units."""
+        """Header and one row per quantity, in the scene's units."""
         keys = ["estimate", "standard_error", "effective_sample_size", "unit", "note"]
         return ["quantity", *keys], [
             [name, *(getattr(estimate, key) for key in keys)]
@@ -342,19 +342,19 @@ class Result(ResultBase):
         ]
 
     def in_print(self, name: str, estimate: Estimate) -> tuple[float, str]:
-        """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
+        """Factor and unit for printing a quantity, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
         return prefixed(largest(estimate), self.unit(estimate.dimension))
 
     def printed(self, estimate: Estimate, factor: float) -> Printed:
-        """One of `quantities` as printed with the factor of `in_print`."""
+        """One of `quantities`, printed with the factor of `in_print`."""
         text, unit = with_error(estimate.times(factor)), self.unit(estimate.dimension)
         value, error = estimate.estimate, estimate.standard_error
         return Printed(text, value, error, unit, estimate=estimate)
 
     def _findings(self) -> list[str]:
-        """How the numbers were obtained, and caveats for citing them."""
+        """Sentences on how the numbers were obtained, and caveats for citing them."""
         return [
             *self.evidence(),
             *device_line(self.scene),
@@ -363,17 +363,17 @@ class Result(ResultBase):
         ]
 
     def draw_density(self, axes: Axes, name: str, label: str | None = None, **style: Any) -> None:
-        """Draw one density into axes of a figure of your own, in the scene's units.
+        """Draw one density into axes of your figure, in the scene's units.
 
         Parameters
         ----------
         axes : matplotlib.axes.Axes
         name : str
-            "displacement", "velocity" or "voltage"; UnknownQuantity is raised for others.
+            "displacement", "velocity" or "voltage"; others raise UnknownQuantity.
         label : str or None
             Label in the legend (default: the method).
         **style
-            `colour`, `line`, `width`, as matplotlib has them.
+            `colour`, `line`, `width`, with matplotlib's values.
         """
         draw_density(axes, self, name, label or self.engine, **style)
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
@@ -381,7 +381,7 @@ class Result(ResultBase):
     def section(self) -> np.ndarray:
         """Displacement and velocity of all stroboscopic samples, in the scene's units.
 
-        Shape (realizations, samples, 2). Raises HarvesterError if none were kept.
+        Shape (realizations, samples, 2). Raises HarvesterError if the samples were not kept.
         """
         if self.stroboscope is None:
             raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
@@ -389,7 +389,7 @@ class Result(ResultBase):
         return self.stroboscope[:, :, :2] * units
 
     def evidence(self) -> list[str]:
-        """Sentences on the runs and methods that gave the numbers."""
+        """Sentences on the runs and methods that produced the numbers."""
         sentences = [self.engine_version]
         if self.simulated_time > 0.0:
             sentences.append(
@@ -401,7 +401,7 @@ class Result(ResultBase):
             sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
             loss = self.scaled_quantities.get("mean_converter_loss")
             size = step_sizes(self.scaled_quantities).get("mean_converter_loss", 0.0)
-            # A difference of powers: noted where that matters.
+            # The larger relative error of a difference of powers is printed if it is relevant.
             if loss and size > LARGER_ERROR * abs(loss.estimate) > 0.0:
                 share = self.step_error * size / abs(loss.estimate)
                 sentences[-1] += f", the converter loss up to {100.0 * share:.1g} %"
@@ -414,7 +414,7 @@ class Result(ResultBase):
 
 
 def _add_density(variables, name, axes, density, scale, unit):
-    """Add a density along its axes, and its error; `scale` and `unit` refer to its area."""
+    """Add a density with its axes and error; `scale` and `unit` are those of its area."""
     inverse = {"unit": f"1/({unit})"}
     variables[f"{name}_density"] = (axes, density.density / scale, inverse)
     if density.standard_error is not None:
@@ -423,24 +423,24 @@ def _add_density(variables, name, axes, density, scale, unit):
 
 
 def _bin_errors(density):
-    """Standard errors as numbers; NaN without one, and in an empty bin, whose counts never vary."""
+    """Standard errors; NaN if unknown, or in an empty bin, whose counts do not vary."""
     return np.where(density.density != 0.0, np.asarray(density.standard_error, float), math.nan)
 
 
 def _result_of(kind, content, folder):
-    """See `Result.from_dict`; raises NotAValue, KeyError, TypeError or AttributeError."""
+    """Implement `Result.from_dict`; raise NotAValue, KeyError, TypeError or AttributeError."""
     values = values_of(kind, content, "result")
     for name, estimate in values["scaled_quantities"].items():
-        # A known quantity and a whole power of it, such as "voltage^2".
+        # Valid dimensions are a known quantity or an integer power of it, such as "voltage^2".
         base, power, exponent = estimate.dimension.partition("^")
         if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
-            raise NotAValue(f"{name}: {shown(estimate.dimension)} is no dimension")
+            raise NotAValue(f"{name}: {shown(estimate.dimension)} is not a dimension")
         for key in ("standard_error", "effective_sample_size"):
             _check_size(getattr(estimate, key), f"scaled_quantities.{name}.{key}")
     for name in ("simulated_time", "wall_seconds", "engine_seconds", "step", "step_error"):
         _check_size(values[name], name)
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
-        raise NotAValue("simulated_time or error_kind is none")
+        raise NotAValue("simulated_time or error_kind is invalid")
     scene = Scene.from_dict(content["scene"], folder)
     stored, computed = vars(values["scales"]), vars(scale(scene)[1])
     if not all(math.isclose(computed[k], stored[k], rel_tol=1e-9) for k in computed):
@@ -455,6 +455,6 @@ def _result_of(kind, content, folder):
 
 
 def _check_size(value, where):
-    """Check a size: NaN and None mean an unknown one."""
+    """Raise NotAValue unless a size is ≥ 0; NaN and None mean unknown."""
     if value is not None and value < 0.0:
         raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")

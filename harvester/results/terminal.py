@@ -1,4 +1,4 @@
-"""Results on a terminal: tables as wide as it is, footnotes for long texts, sketched densities."""
+"""Print results on a terminal: tables fitted to its width, footnotes, and density plots in text."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from harvester.results.view import Table, key_columns
 if TYPE_CHECKING:
     from harvester.results.result import Result
 
-# A text longer than this is a footnote, so that a table of numbers stays narrow.
+# Longer texts become footnotes, so that a table of numbers stays narrow.
 LONGEST_CELL = 32
-# Least width to which a column that identifies rows is narrowed.
+# Minimum width of a column that identifies rows.
 NARROWEST_KEY = 12
-# Characters between two columns, and at both ends of a line.
+# Characters between two columns, and margin at both ends of a line.
 GAP, MARGIN = 3, 1
-# A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
-# density within each, and the share of the peak below which its ends are left out.
+# Text plot of a density: bars in eighths of the height, characters per line, samples of the density
+# per character, and the share of the peak below which the ends are cut.
 HEIGHTS = " ▁▂▃▄▅▆▇█"
 LETTERS, FINER, VISIBLE_SHARE = 56, 32, 0.01
 
 
 def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
-    """A table in blocks that fit into `width` characters, and its footnotes.
+    """Lay a table out in blocks of at most `width` characters, with footnotes.
 
-    Columns that do not fit go to a further block, which repeats the columns that tell the rows
-    apart. A long text becomes a number in brackets; equal texts have the same number.
+    Columns that do not fit form a further block, which repeats the columns that identify the rows.
+    A long text is replaced by the number of its footnote; equal texts share one.
     """
     header = [one_line(name) for name in table.header]
     keys = key_columns(table.rows, len(header))
@@ -43,7 +43,7 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
         block = RichTable(box=box.SIMPLE_HEAD)
         spare = width - MARGIN - sum(widths[k] + GAP for k in columns)
         for k in columns:
-            # The remaining width is for headings that need several lines.
+            # Remaining width is given to headings that need several lines.
             wider = max(0, min(spare, len(header[k]) - widths[k]))
             spare -= wider
             words = any(row[k][:1].isalpha() for row in rows)
@@ -59,11 +59,11 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
 
 
 def _widths(header, rows, keys, width):
-    """Widths of the columns, in which no number is broken."""
+    """Widths of the columns; numbers are never wrapped."""
     widths = [
         max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
     ]
-    # Long keys are broken between their words until the table fits or they take half of the width.
+    # Long keys wrap between words until the table fits or they take half of the width.
     least = [
         max(
             NARROWEST_KEY, *map(_longest_word, [header[k].replace(".", " "), *(r[k] for r in rows)])
@@ -76,16 +76,16 @@ def _widths(header, rows, keys, width):
         and any(widths[k] > least[k] for k in range(keys))
     ):
         widths[max(range(keys), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
-    # A column that does not fit next to the keys is broken between its words too.
-    left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
+    # A column that does not fit next to the keys also wraps between words.
+    available = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
     for k in range(keys, len(header)):
         words = max((_longest_word(row[k]) for row in rows), default=1)
-        widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
+        widths[k] = min(widths[k], max(available, words, _longest_word(header[k])))
     return widths
 
 
 def _with_footnotes(rows, keys):
-    """The rows with numbers for long texts, and the texts."""
+    """The rows with footnote numbers for long texts, and the footnotes."""
     numbers: dict[str, int] = {}
     shortened = []
     for row in rows:
@@ -98,7 +98,7 @@ def _with_footnotes(rows, keys):
 
 
 def _blocks(widths: Sequence[int], keys: int, width: int) -> Iterator[list[int]]:
-    """Numbers of the columns of each block."""
+    """Yield the column numbers of each block."""
     start = sum(widths[k] + GAP for k in range(keys)) + MARGIN
     columns, filled = list(range(keys)), start
     for k in range(keys, len(widths)):
@@ -115,9 +115,9 @@ def _longest_word(text):
 
 
 def density_sketch(results: Mapping[str, Result]) -> list[str]:
-    """A line of letters for each method with a density of X, and one with the range.
+    """One line of bars for each method with a density of X, and one with the range.
 
-    All lines have the same range and the same height.
+    All lines have the same range and height.
     """
     curves = {
         name: result.densities["displacement"]

@@ -1,6 +1,6 @@
-"""Results as data: a table, findings and pictures, from which everything that is shown follows.
+"""Results as data: a table, findings and pictures, from which all output is produced.
 
-A result class defines `view` (and `to_dict` where its JSON is not its fields). Printing
+A result class defines `view`, and `to_dict` if its JSON differs from its fields. Printing
 (`harvester.results.terminal`), files, pages, notebooks and data frames use the view alone.
 """
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
-# Most characters of a result's `repr`.
+# Maximum length of a result's `repr`.
 LONGEST_REPR = 150
-# Most rows of a table in a notebook, and most sentences below it; `to_dataframe` has all rows.
+# Maximum numbers of table rows and sentences in a notebook; `to_dataframe` has all rows.
 NOTEBOOK_ROWS, NOTEBOOK_FINDINGS = 60, 12
 
 
 class Table(NamedTuple):
-    """Names of columns, with their unit in brackets, and rows of numbers or text."""
+    """Column names, with units in brackets, and rows of numbers or text."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[Any]]
@@ -46,13 +46,12 @@ class Table(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn when it is asked for.
+    """A figure that is drawn on request.
 
     Attributes
     ----------
     draw : callable
-        Function of the content that returns a matplotlib Figure, or None if there is nothing to
-        draw.
+        Function of the content that returns a matplotlib Figure, or None if there is no data.
     content : object
     name : str
         Part of the file's name; empty for the main figure.
@@ -63,11 +62,11 @@ class Picture:
     name: str = ""
 
     def figure(self) -> Figure | None:
-        """The figure in the project's style."""
+        """Draw the figure in the project's style."""
         return figures.drawn(self.draw, self.content)
 
     def html(self, alternative: str = "", caption: str = "") -> str:
-        """The figure within a page; empty if there is nothing to draw."""
+        """The figure as HTML; empty if there is nothing to draw."""
         from harvester.results.page import figure_of
 
         figure = self.figure()
@@ -77,34 +76,34 @@ class Picture:
 
 @dataclass(frozen=True)
 class View:
-    """A result as data.
+    """A result as data for all kinds of output.
 
     Attributes
     ----------
     table : Table
-        For people; its cells are text or `harvester.base.formatting.Printed`.
+        Table for display; cells are text or `harvester.base.formatting.Printed`.
     findings : sequence of str
-        Sentences: the findings, how they were obtained, caveats for citing them.
+        Sentences: findings, how they were obtained, and caveats for citing them.
     headline : str
-        The main finding; the first one if empty.
+        The main finding; if empty, the first finding.
     alarms : sequence of str
-        Findings that put the numbers in doubt.
+        Findings that make the numbers doubtful.
     pictures : sequence of Picture
-        The main figure first.
+        The pictures, the main figure first.
     records : callable or None
-        Returns the Table of all numbers, one record a row, where `table` shows a selection.
+        Function that returns a Table of all numbers, one record per row, if `table` is a selection.
     keys : int
-        Number of the table's first columns that identify its rows; 0: the fewest that do.
+        Number of leading columns that identify the rows; 0: the smallest sufficient number.
     is_series : bool
-        Whether a data frame has the records, because they are a curve that the table summarizes.
+        Whether data frames contain the records, because `table` only summarizes this curve.
     dataset : callable or None
-        Returns the xarray Dataset on the result's own axes.
+        Function that returns the result as an xarray Dataset.
     texts : callable or None
-        Returns other files of the result: the ending of each file's name, with its text.
+        Function that returns other files of the result: name suffixes with their texts.
     page : callable or None
-        Returns the result's HTML page, if that has special sections.
+        Function that returns the result's HTML page, if it has special sections.
     methods : mapping of str to Result
-        Results whose densities a terminal sketches, by the name of their method.
+        Results whose densities are plotted on a terminal, by method.
     """
 
     table: Table | tuple[Sequence[str], Sequence[Sequence[Any]]]
@@ -126,11 +125,11 @@ class View:
         return self.headline or next(iter(self.findings), "")
 
     def data(self) -> Table:
-        """The records, or the table with the values of its printed numbers."""
+        """The records, else the table with the values of its numbers."""
         return Table(*self.records()) if self.records else self.values()
 
     def values(self) -> Table:
-        """The table, or the curve that it sums up, with the values of its printed numbers."""
+        """The table, else the curve that it summarizes, with the values of its numbers."""
         return self.data() if self.is_series else _expanded(*self.table)
 
 
@@ -138,10 +137,10 @@ class ResultBase(ABC):
     """Base of all results: printing, tables and files from their view."""
 
     if TYPE_CHECKING:
-        # In a dataclass it is a field, which must not get a default here.
+        # Dataclasses define it as a field, which must not get a default here.
         @property
         def scene(self) -> Scene | None:
-            """The scene of the result; None if it has many."""
+            """The scene of the result; None if there are several."""
 
     @abstractmethod
     def view(self) -> View:
@@ -152,9 +151,9 @@ class ResultBase(ABC):
         return fields_of(self)
 
     def __getitem__(self, name: str) -> Any:
-        """The numbers that the table has in a column, or for a quantity, by row.
+        """The numbers of a table column or of a quantity, by row.
 
-        A number with an error bar is an Estimate. The first columns of a row identify it, as in
+        Numbers with error bars are Estimates. A row's leading columns are its key, as in
         `swept["mean_power"]["monte-carlo", 0.05]`. Raises UnknownQuantity.
         """
         return self._numbers()[name.replace(" ", "_") if isinstance(name, str) else name]
@@ -165,7 +164,7 @@ class ResultBase(ABC):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            # Python and notebooks ask for names with an underscore, also before there are fields.
+            # Python and notebooks look up names with an underscore, even before fields exist.
             if name.startswith("_") or not vars(self):
                 raise AttributeError(name)
             numbers = list(self)
@@ -178,7 +177,7 @@ class ResultBase(ABC):
         return list(self)
 
     def _numbers(self) -> Named:
-        """The table's numbers by name and row; for a curve, of all its points."""
+        """The numbers of the table, or of the whole curve, by name and row."""
         view = self.view()
         header, rows = view.data() if view.is_series else view.table
         names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]
@@ -186,9 +185,9 @@ class ResultBase(ABC):
         axes = ", ".join(names[:keys])
         numbers = Named(f"{type(self).__name__}, with rows by {axes}: no", {})
         for row in rows:
-            place = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
+            row_key = tuple(map(_number, row[:keys])) if keys > 1 else _number(row[0])
             for words, cell in zip(names[keys:], row[keys:], strict=True):
-                outer, inner = (row[0], words) if names[0] == "quantity" else (words, place)
+                outer, inner = (row[0], words) if names[0] == "quantity" else (words, row_key)
                 of_name = numbers.setdefault(outer.replace(" ", "_"), Named(f"{outer}: no", {}))
                 if outer == words or isinstance(cell, Printed):
                     of_name[inner] = _number(cell)
@@ -207,7 +206,7 @@ class ResultBase(ABC):
         return self.view().main_finding
 
     def figure(self, name: str = "") -> Figure | None:
-        """A figure by its name, the main one without a name; None if there is nothing to draw.
+        """A figure by its name (default: the main figure); None if there is nothing to draw.
 
         Raises
         ------
@@ -222,11 +221,11 @@ class ResultBase(ABC):
         return Named(where, by_name)[name].figure()
 
     def data(self) -> Table:
-        """Header and rows of all numbers, without rounding; text stays text."""
+        """Header and rows of all numbers without rounding; text is unchanged."""
         return self.view().data()
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`; unknown numbers are empty cells.
+        """Write the rows of `data`; unknown numbers become empty cells.
 
         Raises
         ------
@@ -235,20 +234,21 @@ class ResultBase(ABC):
         write_csv(path, *self.data())
 
     def to_dataframe(self, table: str = "shown") -> DataFrame:
-        """Numbers as a pandas DataFrame, in which an error has a column of its own.
+        """Numbers as a pandas DataFrame with a separate column for errors.
 
         Parameters
         ----------
         table : str
-            `shown`: the rows of `table()`, or the points of a curve that it sums up. `data`: those
-            of `data()`, the CSV file. `densities`: those of all methods, a row for each bin.
+            `shown`: the rows of `table()`, or the points of the curve that it summarizes. `data`:
+            the rows of `data()`, as in the CSV file. `densities`: the densities of all methods, one
+            row per bin.
 
         Raises
         ------
         UnknownQuantity
             The result has no such table.
         MissingLibrary
-            pandas, of the extra `study`.
+            pandas is missing; it is in the extra `study`.
         """
         view, kind = self.view(), type(self).__name__
         tables = Named(f"{kind}: no table", {"shown": view.values, "data": view.data})
@@ -259,12 +259,12 @@ class ResultBase(ABC):
         return library.DataFrame(rows, columns=list(header))
 
     def to_xarray(self) -> Dataset:
-        """The numbers as an xarray Dataset; the attribute `unit` of a variable is its unit.
+        """The numbers as an xarray Dataset; a variable's attribute `unit` is its unit.
 
         Raises
         ------
         MissingLibrary
-            xarray, of the extra `study`.
+            xarray is missing; it is in the extra `study`.
         """
         view = self.view()
         if view.dataset:
@@ -286,24 +286,24 @@ class ResultBase(ABC):
         return text if len(text) <= LONGEST_REPR else f"{text[: LONGEST_REPR - 2]}…>"
 
     def _repr_html_(self) -> str:
-        """Table, figure and findings in a notebook."""
+        """HTML of table, figure and findings for a notebook."""
         from harvester.results.page import facts, table_of, verdict_list, verdicts, wide
 
         view = self.view()
         header, rows = view.table
-        left = len(rows) - NOTEBOOK_ROWS
-        more = [f"{left} more rows: to_dataframe() has all"] if left > 0 else []
+        omitted = len(rows) - NOTEBOOK_ROWS
+        note = [f"{omitted} more rows: to_dataframe() has all"] if omitted > 0 else []
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
             *(picture.html() for picture in view.pictures),
-            *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
+            *map(facts, [*note, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
 
 
 def key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
-    """Number of columns at the left that identify the rows; 1 if none do."""
+    """Number of leading columns that identify the rows; 1 if none do."""
     for count in range(1, columns):
         if len({tuple(row[:count]) for row in rows}) == len(rows):
             return count
@@ -311,14 +311,14 @@ def key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
 
 
 def _densities(methods):
-    """The densities of several results, below one another."""
+    """The densities of several results in one table."""
     tables = {method: result.density_table() for method, result in methods.items()}
     header = ["method", *next(iter(tables.values())).header]
     return header, [[method, *row] for method, table in tables.items() for row in table.rows]
 
 
 def _number(cell):
-    """The Estimate, the ends or the value that a cell shows; a text as it is."""
+    """The Estimate, the interval or the value of a cell; text is unchanged."""
     if not isinstance(cell, Printed):
         return cell
     if cell.estimate or cell.error is not None:
@@ -328,7 +328,7 @@ def _number(cell):
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
-    """Convert a table for people to values: a number's error gets a separate column."""
+    """Convert a table for display to values: a number's error gets a separate column."""
     columns: dict[str, list[Any]] = {}
     for column, name in enumerate(header):
         cells = [row[column] for row in rows]
@@ -358,7 +358,7 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
 
 
 def _values(cells):
-    """Numbers of a column's cells; in a column of numbers a cell without one is None."""
+    """The numbers of a column's cells; a cell without a number becomes None."""
     numeric = any(isinstance(cell, Printed) for cell in cells)
     values = [cell.value if isinstance(cell, Printed) else cell for cell in cells]
     return [None if numeric and value == "" else value for value in values]

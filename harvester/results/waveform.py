@@ -1,4 +1,4 @@
-"""A stretch of one realization over time: motion, terminal, the load's output, its nodes."""
+"""Time series of one realization: motion, terminal, the load's output and its nodes."""
 
 from __future__ import annotations
 
@@ -25,35 +25,35 @@ if TYPE_CHECKING:
 
 # Size of a panel, in inches.
 SIZE = 5.8, 1.3
-# Columns that differ by no more than this share of their size are drawn once, and a column that
-# varies by no more as a constant: rounding would be the picture.
+# Columns that differ by at most this share of their size are drawn once. A column that varies by
+# less is drawn as a constant, since the variation is round-off.
 SAME = 1e-9
-# A column that varies by a smaller share of its mean is drawn as its deviation from that.
+# A column that varies by a smaller share of its mean is drawn as the deviation from the mean.
 DEVIATION = 1e-3
-# Below this share of the greatest voltage the current is not power over voltage: rounding would
-# decide it.
+# Below this share of the maximum voltage, power over voltage is dominated by round-off, and the
+# current is interpolated.
 SMALL_VOLTAGE = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
 class Waveform(ResultBase):
-    """Time series of a realization between two times, in the scene's units.
+    """Time series of a realization in a time interval, in the scene's units.
 
-    `waveform["voltage"]` is one of `columns`, and so is `waveform.voltage`.
+    `waveform["voltage"]` and `waveform.voltage` are one of `columns`.
 
     Attributes
     ----------
     scene : Scene
     engine : str
     time : ndarray, shape (n,)
-        s from the run's beginning, settling included.
+        Time since the beginning of the run, including settling (s).
     columns : dict of str to ndarray
-        `displacement`, `velocity`, the terminal's `voltage` and `current` (into the load), of a
-        load with an output `output_voltage`, and the nodes and currents that were asked for.
+        `displacement`, `velocity`, the terminal's `voltage` and `current` (into the load),
+        `output_voltage` if the load has an output, and the requested nodes and currents.
     units : dict of str to str
-        Units of each column.
+        Unit of each column.
     record : Record
-        The points in scaled units, as engines pass them on.
+        The points in scaled units, as engines return them.
     """
 
     scene: Scene
@@ -71,7 +71,7 @@ class Waveform(ResultBase):
         return columns[name] if name in columns else super().__getattr__(name)  # type: ignore[misc]
 
     def view(self) -> View:
-        """Extremes and rms of each column; a panel for each over time."""
+        """Extremes and rms of each column, and one panel over time per column."""
         rows = [
             [name.replace("_", " "), *(quantity(float(end), self.units[name]) for end in ends)]
             for name, values in self.columns.items()
@@ -88,12 +88,12 @@ class Waveform(ResultBase):
         )
 
     def _records(self):
-        """Header with units, and a row for each point."""
+        """Header with units, and one row per point."""
         header = ["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)]
         return header, np.column_stack([self.time, *self.columns.values()]).tolist()
 
     def _dataset(self):
-        """A Dataset over `time`, each `unit` an attribute."""
+        """The columns as a Dataset over `time`, with the attribute `unit`."""
         variables = {
             name: ("time", values, {"unit": self.units[name]})
             for name, values in self.columns.items()
@@ -103,7 +103,7 @@ class Waveform(ResultBase):
         return require_xarray().Dataset(variables, coordinates, attributes)
 
     def said(self) -> str:
-        """Range of time, number of points and columns, in words."""
+        """Time range, number of points and columns, as text."""
         if not self.time.size:
             return "no points"
         ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"
@@ -117,9 +117,8 @@ def waveform_of(
     record: Record,
     electrical: Mapping[str, np.ndarray],
 ) -> Waveform:
-    """The waveform of a realization: its record, scaled, and its `Realization.electrical`."""
-    # A repeated point has an adjusted power, so that the mean over the step is right. It is left
-    # out.
+    """The waveform of a realization, from its scaled record and its `Realization.electrical`."""
+    # A repeated point has an adjusted power that corrects the mean over the step. It is dropped.
     once = np.diff(record.time, prepend=-np.inf) > 0.0
     record = Record(*(column[once] for column in record))
     motion = ("displacement", "velocity", "voltage")
@@ -136,7 +135,7 @@ def waveform_of(
 
 
 def _current(record: Record) -> np.ndarray:
-    """Power into the load over the voltage; straight lines through the voltage's zeros."""
+    """Power into the load divided by voltage, interpolated linearly around zeros of the voltage."""
     sizes: Any = np.abs(record.voltage)
     nonzero = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
     if not nonzero.any():
@@ -146,7 +145,7 @@ def _current(record: Record) -> np.ndarray:
 
 
 def draw(waveform: Waveform) -> Figure:
-    """Every column over time; the velocity is left out, which the displacement shows."""
+    """Draw every column over time except the velocity, which follows from the displacement."""
     panels = []
     for words, name in _drawn_once(waveform).items():
         values, unit = waveform.columns[name], waveform.units[name]
@@ -170,7 +169,7 @@ def draw(waveform: Waveform) -> Figure:
 
 
 def _drawn_once(waveform):
-    """Words and column of each panel; a column like one before is named with it."""
+    """Name and column of each panel; equal columns share one panel."""
     drawn: dict[str, str] = {}
     for name, values in waveform.columns.items():
         if name == "velocity":

@@ -45,7 +45,7 @@ def scene_of(scene: SceneOrName) -> Scene:
 def _with_progress(
     name: str, accepted: Container[str], options: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
-    """Options of a call; in a notebook with a progress bar, unless `progress=False`."""
+    """Yield a call's options, in a notebook with a progress bar unless `progress=False`."""
     progress = options.get("progress")
     if progress is not None:
         yield {**options, "progress": None if progress is False else checked_progress(progress)}
@@ -56,8 +56,8 @@ def _with_progress(
             yield {**options, "progress": bar}
 
 
-def _refuse_meant(function, option, accepted):
-    """Refuse a key of the scene, and an option by the spelling of its command."""
+def _reject_misnamed(function, option, accepted):
+    """Raise UnknownOption with a hint if `option` is a scene key or a command-line spelling."""
     from harvester.scene.tables import all_keys
 
     hints = {
@@ -72,8 +72,8 @@ def _refuse_meant(function, option, accepted):
 def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
     """Check the options of a public function, and show its progress in a notebook.
 
-    An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
-    checked by the annotations (`harvester.base.signatures`).
+    An unknown option raises `UnknownOption`, which names the nearest valid option. Values are
+    checked against the annotations (`harvester.base.signatures`).
     """
     name = function.__name__
 
@@ -88,7 +88,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options.keys() - accepted.keys():
-            _refuse_meant(name, option, accepted)
+            _reject_misnamed(name, option, accepted)
         check_known(name, options, [item for item in accepted if item != "scene"])
         with (
             usual_arithmetic(),
@@ -105,7 +105,7 @@ def checked(function: Callable[Options, Answer]) -> Callable[Options, Answer]:
 def takes_scene(
     function: Callable[Concatenate[Scene, Options], Answer],
 ) -> Callable[Concatenate[SceneOrName, Options], Answer]:
-    """Let a function of a scene take a file's path or a built-in name too; see `checked`."""
+    """Let a function also accept a scene's file path or built-in name; see `checked`."""
     of_scene = checked(function)
 
     @functools.wraps(function)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def device_line(scene: Scene) -> tuple[str, ...]:
-    """One line on an SI scene's device at its stiffest rest position; none of other scenes.
+    """One line on an SI scene's device at its stiffest rest position; empty for scaled scenes.
 
     Frequency and quality factor belong to mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
@@ -49,20 +49,20 @@ def device_line(scene: Scene) -> tuple[str, ...]:
 
 
 def _wells(scene):
-    """Texts on the wells of a device that has several, and on the barriers out of them."""
+    """Texts on the wells and the energy barriers between them; empty for a single well."""
     model = prepared(scene)
     wells = sorted(timescales.wells(model.system))
     if len(wells) < 2:
         return []
     length, energy = model.scales.of("displacement"), model.scales.of("energy")
-    places = ", ".join(quantity(length * well, "m", 3) for well in wells)
+    positions = ", ".join(quantity(length * well, "m", 3) for well in wells)
     barriers = [energy * timescales.barrier(model.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
-    return [f"wells at {places}", f"barriers out of them {heights}"]
+    return [f"wells at {positions}", f"barriers out of them {heights}"]
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Every key with its value, as text, for a table; with its unit where that is known."""
+    """Every key of a scene and its value as text, with the unit if it is known."""
 
     rows = []
     for table, values in scene.to_tables().items():

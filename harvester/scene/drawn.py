@@ -11,7 +11,7 @@ from harvester.device.keys import SI, check_table
 from harvester.device.piezo import PiezoTable
 from harvester.scene.tables import Oscillator
 
-# The tables that a drawing gives. A scene with [beam] may not hold their `drawn` keys.
+# Tables computed from a drawing, and their keys that a scene with [beam] may not contain.
 DRAWN = {
     name: [key for key, spec in cls.KEYS.items() if spec.drawn]
     for name, cls in (("oscillator", Oscillator), ("piezo", PiezoTable))
@@ -21,8 +21,7 @@ DRAWN = {
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the lumped values computed from its drawing.
 
-    Raises SceneError if a key of the drawing is not usable, or the scene also gives a value that
-    follows from it.
+    Raises SceneError if a key of the drawing is invalid, or the scene also gives a computed value.
     """
     if "beam" not in tables:
         if "magnets" in tables:
@@ -59,10 +58,10 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 
 def without_drawn(tables: dict[str, Any]) -> dict[str, Any]:
-    """A scene's tables without the keys that its drawing gives."""
-    left = {
+    """A scene's tables without the keys that are computed from its drawing."""
+    remaining = {
         name: {key: value for key, value in tables[name].items() if key not in keys}
         for name, keys in DRAWN.items()
     }
-    others = {name: content for name, content in tables.items() if name not in DRAWN}
-    return others | {name: content for name, content in left.items() if content}
+    undrawn = {name: content for name, content in tables.items() if name not in DRAWN}
+    return undrawn | {name: content for name, content in remaining.items() if content}

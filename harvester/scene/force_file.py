@@ -11,7 +11,7 @@ from harvester.records.points import read_points
 from harvester.records.quantities import QUANTITIES
 from harvester.scene.toml import parts_of
 
-# Kind of file and the quantities of its two columns, by the key.
+# Key of a table of points: its kind of file, and the quantities of its two columns.
 TABLES = {
     "force_table": ("table of force", ("displacement", "force")),
     "breakpoints": ("spectrum", ("frequency", "density")),
@@ -21,10 +21,10 @@ TABLES = {
 def read_points_of(tables: dict[str, Any], origin: str) -> None:
     """Replace the names of files in a scene's tables by their points.
 
-    In `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
-    that is named is written out.
+    These are `oscillator.force_table` and the `breakpoints` of an excitation and of its parts. The
+    name of a standard profile is also replaced by points.
 
-    Raises SceneError if the file cannot be read, a line of it holds no two numbers, or its heading
+    Raises SceneError if the file cannot be read, a line does not hold two numbers, or the heading
     contradicts the scene.
     """
     scaled = tables.get("units") == "scaled"
@@ -50,7 +50,7 @@ def _points(file, key, unit, scaled):
     factors = [QUANTITIES[q][u] if u else 1.0 for q, u in zip(quantities, units, strict=True)]
     scene_unit = {}
     if key == "breakpoints" and units[1]:
-        # The scene keeps the densities in one of its units.
+        # The scene stores densities in one of the units that it accepts.
         scene_unit = {"unit": unit or ("g^2/Hz" if "g^2" in units[1] else "(m/s^2)^2/Hz")}
         factors[1] /= QUANTITIES["density"][scene_unit["unit"]]
     return {key: (points * factors).tolist(), **scene_unit}

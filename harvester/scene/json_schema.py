@@ -1,4 +1,4 @@
-"""The form of a scene as a JSON Schema (draft 2020-12), for editors and other programs."""
+"""JSON Schema (draft 2020-12) of scene files, for editors and other programs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from harvester.scene.tables import KINDS, SEVERAL, TRANSDUCERS, Top, all_tables
 from harvester.scene.toml import LONGEST_TEXT
 
 TEXT = {"type": "string", "maxLength": LONGEST_TEXT, "pattern": r"^[^\x00]*$"}
-# A number in quotes has a suffix.
+# Numbers with a suffix, such as "4.7k", are in quotes.
 SUFFIXED = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})? ?([kKuUµμnNpPm]|[mM][eE][gG])$"
 
 
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a scene's TOML file.
 
-    It holds keys, types, ranges, words, alternatives and conditions on `units`, also of the parts
-    that installed packages add. Values that do not go together physically are refused by the
-    program alone.
+    It contains keys, types, ranges, words, alternatives and conditions on `units`, including those
+    of installed plug-ins. Only the program itself rejects physically inconsistent values.
     """
     for registry in (KINDS, LAWS, TRANSDUCERS):
         registry.load_all()
@@ -56,7 +55,7 @@ def _ending():
 
 
 def _rules_of_scenes(units):
-    """Required and forbidden keys of scenes with these units, with a drawing and without."""
+    """Rules on required and forbidden keys of scenes in `units`, with and without a drawing."""
     tables = {name: cls for name, cls in all_tables().items() if name != "excitation"}
     drawable = {"oscillator", *TRANSDUCERS}
     rules = {name: _rules(cls, units) for name, cls in tables.items()}
@@ -77,7 +76,7 @@ def _rules_of_scenes(units):
 
 
 def _rules(cls, units):
-    """Keys that a table must and must not have in a scene with these units."""
+    """Rules on required and forbidden keys of a table in scenes with these `units`."""
     usable = [name for name, spec in cls.KEYS.items() if units in spec.units]
     if not usable:
         return False
@@ -89,7 +88,7 @@ def _rules(cls, units):
 
 
 def _one_of(group: OneOf, usable: list[str]) -> Iterator[dict]:
-    """One key of several at most, or exactly; and keys that need one of them."""
+    """Rules on alternative keys (at most or exactly one), and on keys that need one of them."""
     keys = [name for name in group.keys if name in usable]
     if group.required:
         yield {"anyOf": [{"required": [name]} for name in keys]}
@@ -102,7 +101,7 @@ def _one_of(group: OneOf, usable: list[str]) -> Iterator[dict]:
 
 
 def _kind(name):
-    """The table of an excitation of one kind; the first kind may go without its name."""
+    """Schema of one kind of excitation; the first kind is the default and needs no `kind`."""
     cls, named = KINDS[name], name != next(iter(KINDS))
     rules = _rules(cls, SI)
     rules["required"] += ["kind"] if named else []
@@ -111,16 +110,16 @@ def _kind(name):
     }
 
 
-def _object(keys: Mapping[str, Key], more: Mapping[str, Any] = {}) -> dict[str, Any]:
-    """A table with these keys, all of them optional."""
-    properties = {n: _value(spec) | _told(spec) for n, spec in keys.items() if spec.written}
+def _object(keys: Mapping[str, Key], extra: Mapping[str, Any] = {}) -> dict[str, Any]:
+    """Schema of a table with these keys, all optional."""
+    properties = {n: _value(spec) | _description(spec) for n, spec in keys.items() if spec.written}
     return {
-        "type": "object", "properties": {**properties, **more}, "additionalProperties": False
+        "type": "object", "properties": {**properties, **extra}, "additionalProperties": False
     }  # fmt: skip
 
 
-def _told(spec):
-    """The description of a key with its units, and its value unless given."""
+def _description(spec):
+    """The description of a key with its units, and its default if it has one."""
     units = [f"{spec.unit} in SI"] if spec.unit not in ("", "1") else []
     units += [f"{spec.scaled} in scaled scenes"] if spec.scaled else []
     default = spec.default if isinstance(spec.default, (str, int, float)) else ""
@@ -130,11 +129,11 @@ def _told(spec):
 
 
 def _value(spec: Key) -> dict[str, Any]:
-    """The values that a key accepts."""
+    """Schema of a key's values."""
     if spec.element:
-        few, many = spec.count
+        fewest, many = spec.count
         items = _value(spec.element)
-        listed = {"type": "array", "minItems": few, "maxItems": many, "items": items}
+        listed = {"type": "array", "minItems": fewest, "maxItems": many, "items": items}
         return {"anyOf": [listed, TEXT]} if spec.file else listed
     if spec.words:
         return {"enum": [*spec.words]}

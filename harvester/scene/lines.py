@@ -1,4 +1,4 @@
-"""Sines in the excitation near a device's resonance: where steps are to be exact."""
+"""Spectral lines (sines) of the excitation, and the frequency at which integrators are exact."""
 
 from __future__ import annotations
 
@@ -17,74 +17,73 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 
-# An integrator may misplace a resonance by this share of its half width. On the flank the power
-# then changes by half a percent.
+# An integrator may shift a resonance by this share of its half width. On the flank of the resonance
+# curve this changes the power by half a percent.
 SHARE_OF_HALF_WIDTH = 0.005
 # Lines count if their response exceeds this share of the largest response.
 COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
-# Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
+# Compared with 32 times shorter steps, 14 devices with Q from 12 to 340 needed a tenth of it.
 NONLINEAR_SPREAD = 0.05
-# Number of lines, by largest response, whose overtones and combination tones count.
+# Number of lines with the largest responses whose overtones and combination tones count.
 MOST_COMBINED = 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a
-# line: at Q = 370 and 410 default steps cost one path 1 % in 100 periods.
+# line: at Q = 370 and 410, default steps changed a path by 1 % within 100 periods.
 NARROW = 0.01
 
 
 @functools.lru_cache(maxsize=64)
-def line_frequency(ready: Prepared) -> float:
+def line_frequency(prepared_scene: Prepared) -> float:
     """The frequency at which steps are to be exact (rad/s); 0 where there is no such.
 
-    Frequency of the line to which the linear device responds most. Without lines, of a linear
-    device with so narrow a resonance that its response to noise is nearly a line.
+    It is the line to which the linearised device responds most. Without lines it is the resonance
+    of a linear device if this is so narrow that the response to noise is nearly a line.
     """
-    answers = _responses(ready)
+    answers = _responses(prepared_scene)
     if answers:
         return max(answers)[1]
-    system = ready.system
-    if ready.scene.excitation.prescribes_displacement or not _linear(system):
+    system = prepared_scene.system
+    if prepared_scene.scene.excitation.prescribes_displacement or not _linear(system):
         return 0.0
     omega = timescales.angular_frequency(system)
     return omega if _half_width(system, omega) < NARROW else 0.0
 
 
-def exact_frequencies(ready: Prepared) -> list[tuple[float, float]]:
-    """Times (s) from which steps are to be exact at an angular frequency (rad/s; 0: none)."""
-    excitation = ready.scene.excitation
+def exact_frequencies(prepared_scene: Prepared) -> list[tuple[float, float]]:
+    """Pairs (start time in s, angular frequency in rad/s at which steps are exact; 0: none)."""
+    excitation = prepared_scene.scene.excitation
     if isinstance(excitation, SteppedSine):
         return [
             (number * excitation.dwell, 2.0 * math.pi * frequency)
             for number, frequency in enumerate(excitation.frequencies)
         ]
-    return [(0.0, line_frequency(ready))]
+    return [(0.0, line_frequency(prepared_scene))]
 
 
 @functools.lru_cache(maxsize=64)
-def spread(ready: Prepared) -> float:
+def spread(prepared_scene: Prepared) -> float:
     """Largest relative difference of ω² between the lines' motions and `line_frequency`.
 
-    An integrator that is exact at `line_frequency` leaves this share of its error. A nonlinear
-    device or load also moves at overtones, which count if they meet the resonance.
+    This share of an integrator's error remains if it is exact at `line_frequency`. A nonlinear
+    device or load also moves at overtones, which count if they are near the resonance.
     """
-    answers = _responses(ready)
+    answers = _responses(prepared_scene)
     if not answers:
         return 0.0
-    system = ready.system
+    system = prepared_scene.system
     greatest, tuned = max(answers)
-    # The largest first.
     ordered = sorted(answers, reverse=True)
     counting = [omega for size, omega in ordered if size > COUNTING_RESPONSE * greatest]
     away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
     linear = _linear(system)
-    if not (linear and ready.scene.load.is_resistor):
+    if not (linear and prepared_scene.scene.load.is_resistor):
         away = max(away, _met_by_overtones(system, counting, tuned))
     return max(away, 0.0 if linear else NONLINEAR_SPREAD)
 
 
 def _met_by_overtones(system, counting, tuned):
-    """The resonance's part in `spread`, by how near overtones and combination tones come to it."""
+    """Contribution of the resonance to `spread`, weighted by the nearest combination tone."""
     resonance = timescales.angular_frequency(system)
     width = _half_width(system, resonance) * resonance
     sides = [side * omega for omega in counting[:MOST_COMBINED] for side in (1.0, -1.0)]
@@ -97,24 +96,24 @@ def _met_by_overtones(system, counting, tuned):
     return met * abs(resonance**2 / tuned**2 - 1.0)
 
 
-def half_width(ready: Prepared) -> float:
-    """Half width of the resonance over its frequency, from the damper and a resistor as load."""
-    return _half_width(ready.system, line_frequency(ready))
+def half_width(prepared_scene: Prepared) -> float:
+    """Relative half width of the resonance, from the damping and a resistive load."""
+    return _half_width(prepared_scene.system, line_frequency(prepared_scene))
 
 
 def _half_width(system, omega):
-    """Half width of the resonance at a frequency (rad/s), over that frequency."""
+    """Half width of a resonance at `omega` (rad/s), relative to `omega`."""
     return 0.5 * timescales.loss_rate(system, omega) / omega
 
 
 def _linear(system):
-    """Whether the spring has no power above the first and there are no stoppers."""
+    """Whether the spring is linear and there are no stoppers."""
     return system.spring.straight and not system.contacts
 
 
-def _responses(ready):
-    """(size, angular frequency) of the velocity at each line that is not silent."""
-    scene, system = ready.scene, ready.system
+def _responses(prepared_scene):
+    """(amplitude, angular frequency) of the velocity at each line with nonzero amplitude."""
+    scene, system = prepared_scene.scene, prepared_scene.system
     if scene.excitation.prescribes_displacement:
         return []
     pairs = [(amplitude, 2.0 * math.pi * f) for f, amplitude in scene.excitation.lines if amplitude]
@@ -122,9 +121,10 @@ def _responses(ready):
 
 
 def receptance(system: System, omega: Any) -> Any:
-    """Displacement per acceleration at frequencies (rad/s), the load between short and open (s²).
+    """Displacement per acceleration (s²) at angular frequencies (rad/s), complex.
 
-    Complex; real without damping. Between both resonances it is the value at a resonance.
+    The load may be anything from a short to an open circuit: between the two resonance frequencies
+    the result is the value at resonance.
     """
     # Frequencies of small oscillations about the stiffest well, without and with the transducer.
     stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))

@@ -31,7 +31,7 @@ from harvester.scene.tables import TRANSDUCERS, Load, Oscillator, Start, Stopper
 from harvester.scene.toml import parts_of, plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
-# Loads whose own values are for scaled scenes, with those that an SI scene has to give.
+# Built-in loads whose defaults are for scaled scenes, and the values that SI scenes must give.
 SCALED_LOADS = {"bridge_ideal": ("resistance", "storage", "conductance")}
 
 
@@ -107,11 +107,11 @@ class Scene(Table):
         folder: str | tuple[str, ...] | None = None,
         changed: Scene | None = None,
     ) -> Scene:
-        """Build a scene from nested dictionaries of the TOML file's form, checked.
+        """Build and check a scene from nested dictionaries with the structure of a TOML file.
 
-        A load's netlist is looked for in `folder`, then in the current one, and read here: the
-        scene holds its content. The netlist of a scene that is `changed` is not read again, and
-        its records must be as they were.
+        A load's netlist is searched in `folder`, then in the current folder. The scene holds its
+        content. If `changed` is given, its netlist is not read again, and its record files must be
+        unchanged.
         """
         tables = {"run": {}, **plain_tables(tables, origin)}
         read_points_of(tables, origin)
@@ -130,8 +130,8 @@ class Scene(Table):
         scene = cls(name, top.units, length_scale=top.length_scale, folder=folder, **parts)
         if scene.run.starts is not None and scene.excitation.random:
             raise SceneError(
-                f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
-                "chance, a sine or one pass of a record; under noise set run.realizations"
+                f"{origin}: run.starts = {scene.run.starts}: starts are for a deterministic "
+                "excitation, a sine or one pass of a record; under noise set run.realizations"
             )
         if scene.run.orbit in ("best", "weighted") and scene.run.starts is None:
             raise SceneError(
@@ -148,7 +148,7 @@ class Scene(Table):
         return scene
 
     def replace(self, changes: dict[str, Any] | None = None, /, **tables: Any) -> Scene:
-        """A checked copy with other values.
+        """Return a checked copy with changed values.
 
         Parameters
         ----------
@@ -177,11 +177,11 @@ class Scene(Table):
         return self.from_tables(new, name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
-        """Nested dictionaries of the TOML file's form, without omitted keys."""
+        """Nested dictionaries with the structure of a TOML file, without omitted keys."""
         return self._tables("sha256")
 
     def _tables(self, *without):
-        """Nested dictionaries of all fields but some."""
+        """Nested dictionaries of all fields except those in `without`."""
         tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
@@ -212,7 +212,7 @@ class Scene(Table):
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Scene:
-        """The scene that `to_dict` made plain values of.
+        """Build the scene from the return value of `to_dict`.
 
         Its files (a record, a load's netlist) are read again, the netlist from `folder` or the
         current one.
@@ -220,12 +220,14 @@ class Scene(Table):
         Raises
         ------
         SceneError
-            A value is not usable, a file is missing or holds something else than then.
+            A value is invalid, or a file is missing or has changed.
         NetlistError
             The load's netlist cannot be read.
         """
         if not isinstance(content, dict):
-            raise SceneError(f"{shown(content)}: no scene: pass the return value of Scene.to_dict")
+            raise SceneError(
+                f"{shown(content)}: not a scene: pass the return value of Scene.to_dict"
+            )
         tables = copy.deepcopy({k: v for k, v in content.items() if k not in ("name", "sha256")})
         # Without its digest a record is read again.
         for _, excitation in parts_of(tables.get("excitation")):
@@ -234,8 +236,8 @@ class Scene(Table):
         scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
         if "sha256" in content and scene.digest() != content["sha256"]:
             raise SceneError(
-                f"{scene.name}: its digest is no longer sha256 = {shown(content['sha256'])}: "
-                "a value or a file that it names has changed since"
+                f"{scene.name}: the digest is no longer sha256 = {shown(content['sha256'])}: "
+                "a value or a file of the scene has changed since"
             )
         return scene
 
@@ -248,7 +250,7 @@ class Scene(Table):
     def digest(self) -> str:
         """SHA-256 of the scene's values: the same device and run give the same digest.
 
-        A record and a load's netlist count by their content, wherever they lie.
+        It includes the contents of a record and a load's netlist, and ignores their paths.
         """
         text = json.dumps(self._tables("file"), sort_keys=True)
         if self.load.circuit:
@@ -258,7 +260,7 @@ class Scene(Table):
 
 
 def _damped(oscillator, origin):
-    """The oscillator with C = 2 ζ √(K M), K at rest, where the damping is given by ζ or Q."""
+    """The oscillator; if ζ or Q is given, with the damping 2 ζ √(K M), K at rest."""
     if oscillator.damping is not None:
         return oscillator
     ratio = oscillator.damping_ratio
@@ -269,7 +271,7 @@ def _damped(oscillator, origin):
 
 
 def _coupled(transducer, name, oscillator, origin):
-    """The transducer with its coupling, where that is given by k²."""
+    """The transducer; if k² is given, with the coupling that follows from it."""
     if getattr(transducer, "k2", None) is None:
         return transducer
     stiffness = _stiffness_at_rest(oscillator, f"{name}.k2", "coupling", origin)
@@ -280,11 +282,11 @@ def _coupled(transducer, name, oscillator, origin):
 
 
 def _stiffness_at_rest(oscillator, key, instead, origin):
-    """The stiffness that the value of a key counts from."""
+    """The stiffness at rest, which `key` needs; raise SceneError if it is not positive."""
     stiffness = rest_stiffness(oscillator)
     if not stiffness > 0.0:
         raise SceneError(
-            f"{origin}: {key} needs a frequency, and the spring has no stiffness at rest: give "
+            f"{origin}: {key} needs a frequency, but the spring has no stiffness at rest: give "
             f"{key.partition('.')[0]}.{instead}"
         )
     return stiffness
@@ -300,14 +302,13 @@ def _lasting(run, excitation, origin):
         raise SceneError(f"{origin}: run.duration is missing; it takes {allowed}")
     if not run.settle < length:
         raise SceneError(
-            f"{origin}: the record lasts {length:g} s, and run.settle = {run.settle:g}: must be "
-            "less"
+            f"{origin}: run.settle = {run.settle:g}: must be less than the record's {length:g} s"
         )
     return replace(run, duration=length - run.settle)
 
 
 def _check_range(scene, origin):
-    """Refuse a range without a rest position, and a start outside."""
+    """Raise if the spring's range has no rest position or does not contain the start."""
     limits = scene.oscillator.restoring_force_range
     if limits is None:
         return
@@ -321,22 +322,22 @@ def _check_range(scene, origin):
 
 
 def _check_sampling(scene, origin):
-    """Refuse a record whose samples are too far apart to hold the device's frequency."""
+    """Raise if a record's sampling rate is too low for the device's frequency."""
     highest = scene.excitation.highest_frequency
     if math.isinf(highest):
         return
     frequency = timescales.angular_frequency(scale(scene)[0]) / (2.0 * math.pi)
     if frequency > highest:
         raise SceneError(
-            f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which holds no more "
-            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: correct the unit "
-            "in the time column's heading, or where it has none give excitation.time_unit "
+            f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which resolves up to "
+            f"{highest:.3g} Hz, but the device moves at {frequency:.3g} Hz: correct the unit "
+            "in the time column's heading, or if it has none give excitation.time_unit "
             '("ms", "us", … or "samples" with sampling_rate), or take a finer record'
         )
 
 
 def _folders(folder):
-    """Folders in which a load's netlist is searched: a scene may be copied to another folder."""
+    """Folders in which a load's netlist is searched: the scene's, then the current one."""
     if isinstance(folder, tuple):
         return folder
     current = str(Path.cwd())
@@ -344,7 +345,7 @@ def _folders(folder):
 
 
 def _with_circuit(load, folders, units, origin, changed):
-    """The load with its netlist, taken from the changed scene or read."""
+    """The load with its netlist, which is read unless `changed` contains it."""
     from circuits.netlist.subcircuits import find_netlist, read_load
 
     values = load.parameters or {}
@@ -356,14 +357,14 @@ def _with_circuit(load, folders, units, origin, changed):
     needed = {*SCALED_LOADS.get(load.netlist, ())} - {*values}
     if units == SI and needed:
         raise SceneError(
-            f"{origin}: load.netlist = {load.netlist!r}: its own values are for scaled scenes: "
+            f"{origin}: load.netlist = {load.netlist!r}: its defaults are for scaled scenes: "
             f"give {', '.join(sorted(needed))} in load.parameters, or take another load"
         )
     return replace(load, circuit=circuit)
 
 
 def _plain(part, without):
-    """A table as plain values, without some fields and computed or omitted ones."""
+    """A table as plain values, without computed or omitted fields and those in `without`."""
     values, left_out = {}, {"circuit", *computed(part), *without}
     for entry in dataclasses.fields(part):
         name, value = entry.name, getattr(part, entry.name)

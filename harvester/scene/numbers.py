@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-# Numerical settings and the range of validity are no properties of the device.
+# Numerical settings and the range of validity, which are not properties of the device.
 NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
-    """The numbers of a scene's device, load and excitation, without the run's.
+    """The numbers of a scene's device, load and excitation by key, without those of [run].
 
-    One of several tables, or of a list of numbers, is named by its index, as in `stoppers[1].gap`
-    and `oscillator.restoring_force[2]`.
+    Items of repeated tables and lists are indexed, as in `stoppers[1].gap` and
+    `oscillator.restoring_force[2]`.
     """
     values: dict[str, Any] = {}
     for name, cls, content in rows_of(scene.to_tables()):
@@ -43,21 +43,21 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
 
 def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
-    """The number of a key; raises with the nearest valid key.
+    """The number of a key, and the key's declaration.
 
-    Raises HarvesterError.
+    Raises HarvesterError, which names the nearest valid key.
     """
     available = numbers(scene)
     if key not in available:
         raise HarvesterError(
-            f"{option} {named(key)}: no number of this scene{nearest(key, available)}; there are "
-            f"{', '.join(available)}"
+            f"{option} {named(key)}: not a number of this scene{nearest(key, available)}; there "
+            f"are {', '.join(available)}"
         )
     return available[key]
 
 
 def _collect(collected, name, cls, values):
-    """Add the numbers that a table holds."""
+    """Add a table's numbers to `collected`."""
     for key, spec in cls.KEYS.items():
         if key not in values or key in NOT_VARIED:
             continue

@@ -1,6 +1,6 @@
-"""Values of a scene by dotted keys.
+"""Change values of a scene by dotted keys.
 
-`table.key`, `table[k].key` of one of several tables, or `table.key[k]` of a list of numbers.
+A key is `table.key`, `table[k].key` in a repeated table, or `table.key[k]` in a list of numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from harvester.excitation import KINDS
 from harvester.scene.tables import SEVERAL, all_tables, key_named
 from harvester.scene.toml import NotToml, read_toml
 
-# A table's name, with an index in brackets if there are several.
+# A name with an index in brackets.
 PLACED = re.compile(r"([^\[\]]+)\[(\d{1,6})\]")
 # Matches texts in quotes.
 QUOTED = re.compile(r"""("[^"]*"|'[^']*')""")
@@ -28,7 +28,7 @@ NO_DIGIT_BEFORE, NO_DIGIT_AFTER = (
 
 
 def texts(overrides: Any) -> list[str]:
-    """A list of `table.key=value`, checked to be texts."""
+    """A list of `table.key=value`; raise SceneError if an item is not a text."""
     try:
         listed = [overrides] if isinstance(overrides, str) else list(overrides)
     except TypeError:
@@ -52,7 +52,7 @@ def parsed(text: str) -> tuple[str, Any]:
         try:
             read = read_toml(f"value = {spelling}", f"--set {named(key)}")
         except NotToml as error:
-            # A table or a list with a slip would be refused as a text of the wrong type.
+            # Otherwise a mistyped table or list would be rejected as a text of the wrong type.
             if value.startswith("{") or (value.startswith("[") and value.endswith("]")):
                 refusal = SceneError(
                     str(error).replace("not a TOML file", f"{named(value)} is no TOML")
@@ -66,7 +66,7 @@ def parsed(text: str) -> tuple[str, Any]:
 
 
 def _with_digits(text):
-    """The text with 0.1 for .1 and 1.0 for 1. outside its quotes, as TOML writes them."""
+    """The text with .1 and 1. outside its quotes written as TOML's 0.1 and 1.0."""
     parts = QUOTED.split(text)
     for index in range(0, len(parts), 2):
         parts[index] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[index]))
@@ -74,13 +74,13 @@ def _with_digits(text):
 
 
 def _number(text):
-    """Read a number that TOML would refuse, such as 007 or 1.e3; return other words unchanged."""
+    """Read a number that TOML rejects, such as 007 or 1.e3; return other texts unchanged."""
     for kind in (int, float):
         try:
             number = kind(text)
         except ValueError:
             continue
-        # "infinity" and "nan" stay words, which no key accepts as a number.
+        # "infinity" and "nan" remain texts, which no key accepts as a number.
         return number if math.isfinite(number) else text
     return text
 
@@ -100,13 +100,13 @@ def put_all(tables: dict[str, Any], changes: dict[str, Any], origin: str) -> Non
 
 
 def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str]:
-    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several.
+    """Set one dotted key in nested dictionaries; None removes it.
 
     Returns the other dotted keys that the change removes.
     """
     removed = set()
     if not isinstance(dotted, str):
-        raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
+        raise SceneError(f"{origin} {shown(dotted)}: a key must be a text, table.key")
     where = f"{origin} {named(dotted)}"
     *path, last = dotted.split(".")
     nested = key_named(".".join(path)).kind is NAMED_VALUES
@@ -117,12 +117,12 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str
         table = _table(table, part, where)
     is_kind = dotted == "excitation.kind" and isinstance(value, str) and value in KINDS
     if is_kind and value != table.get("kind", next(iter(KINDS))):
-        # The keys that the new kind does not have go.
+        # Remove the keys that the new kind does not have.
         for key in {*table} - {"kind", *KINDS[value].KEYS}:
             del table[key]
             removed.add(key)
     if value is not None and len(path) == 1:
-        # Another key for the same property, or a digest of another file.
+        # Remove other keys for the same property.
         cls = class_of(all_tables()[path[0]], table) if path[0] in all_tables() else None
         groups = getattr(cls, "ALTERNATIVES", ())
         for other in set().union(*(group.replaced_by(last) for group in groups)):
@@ -136,7 +136,7 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str
     if index is not None and (value is None or is_list):
         several = _several(table, name, index, where)
         several[index : index + 1] = [] if value is None else [value]
-        # Without its last value, the key goes too.
+        # Remove the key with its last value.
         last, value = name, several or None
     if not path and isinstance(values, dict):
         removed = {*values} - {*(value if isinstance(value, dict) else ())}
@@ -148,13 +148,13 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str
 
 
 def _placed(part):
-    """The name and the index in a part of a dotted key; None without an index."""
+    """Name and index of a part of a dotted key; the index is None if there is none."""
     match = PLACED.fullmatch(part)
     return (match[1], int(match[2])) if match else (part, None)
 
 
 def _table(tables, part, where):
-    """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
+    """The table `name` or `name[k]`; a table that is not repeated has the index 0."""
     name, index = _placed(part)
     value = tables.setdefault(name, {}) if index is None else tables.get(name)
     if index is None and isinstance(value, (list, tuple)) and value:
@@ -172,7 +172,7 @@ def _table(tables, part, where):
 
 
 def _several(tables, name, index, where):
-    """A list of the tables or values of a name, which has this index; one table is the first."""
+    """The list of a name's tables or values; raise SceneError if it has no such index."""
     entry = tables.get(name)
     if isinstance(entry, dict) and name in SEVERAL and index == 0:
         return [entry]
@@ -188,6 +188,6 @@ def _several(tables, name, index, where):
 
 
 def _listed(name, count):
-    """The names of several tables."""
+    """The first and the last of the indexed names, as text."""
     first, last = f"{named(name)}[0]", f"{named(name)}[{count - 1}]"
     return first if count == 1 else f"{first} {'…' if count > 2 else 'and'} {last}"

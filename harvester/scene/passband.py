@@ -1,4 +1,4 @@
-"""Error by a shifted frequency under noise: the spectrum of the displacement, linearised."""
+"""Error under noise due to an integrator's frequency shift, for the linearised device."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from harvester.scene import lines
 if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
-# Frequencies of the quadrature: over all, on each side of the resonance, and between two corners.
+# Numbers of quadrature points: overall, on each side of the resonance, and between two corners.
 OVERALL, ASIDE, BETWEEN = 1001, 201, 17
-# Without a formula the density is estimated from this number of samples of a path, in segments of
-# this number of periods of the resonance.
+# If no formula gives the density, Welch's method estimates it from at most this number of samples
+# of a path, in segments of this number of periods of the resonance.
 MOST_SAMPLES, SEGMENT_PERIODS = 2**18, 64.0
 
 
 @functools.lru_cache(maxsize=64)
-def misplacement(ready: Prepared, spacing: float, order: int) -> float:
-    """Relative change of E[X²] if every frequency ω is taken for ω (1 + ω^order), to first order.
+def misplacement(prepared_scene: Prepared, spacing: float, order: int) -> float:
+    """Relative change of E[X²] if every frequency ω becomes ω (1 + ω^order), to first order.
 
-    Times c h^order it is the error of an integrator that misplaces ω by c (ω h)^order. Where the
-    integrator is exact at a line, what it leaves counts. Sines are the matter of
-    `harvester.scene.lines`, and add to E[X²] alone.
+    Times c h^order it is the error of an integrator that shifts ω by c (ω h)^order. If the
+    integrator is exact at a line, only the difference from the shift there counts. Sines add to
+    E[X²] alone; `harvester.scene.lines` treats their error.
 
     `spacing`: time between two samples of the excitation (s).
 
@@ -37,43 +37,47 @@ def misplacement(ready: Prepared, spacing: float, order: int) -> float:
     -----
     With H = X/η = 1/(k − ω² + i d ω), d ln|H|²/d ln ω = 2 Re[(2 ω² − i d ω) H].
     """
-    excitation = ready.scene.excitation
-    frequencies, density = _spectrum(ready, spacing)
+    excitation = prepared_scene.scene.excitation
+    frequencies, density = _spectrum(prepared_scene, spacing)
     omega = 2.0 * math.pi * frequencies
-    transfer = lines.receptance(ready.system, omega)
+    transfer = lines.receptance(prepared_scene.system, omega)
     response = density * np.sinc(frequencies * spacing) ** 4 * np.abs(transfer) ** 2
     total = np.trapezoid(response, frequencies)
     for frequency, amplitude in excitation.lines:
-        at_line = lines.receptance(ready.system, 2.0 * math.pi * frequency)
+        at_line = lines.receptance(prepared_scene.system, 2.0 * math.pi * frequency)
         total += 0.5 * abs(amplitude * at_line) ** 2
-    moved = omega**order - lines.line_frequency(ready) ** order
+    moved = omega**order - lines.line_frequency(prepared_scene) ** order
     slope = 2.0 * ((2.0 * omega**2 - 1j * (1.0 / transfer).imag) * transfer).real
     change = np.trapezoid(slope * moved * response, frequencies)
     return float(abs(change) / total) if total > 0.0 else 0.0
 
 
-def _spectrum(ready, spacing):
+def _spectrum(prepared_scene, spacing):
     """Frequencies (Hz) up to the sampling rate, and the excitation's density at them."""
-    system, excitation, run = ready.system, ready.scene.excitation, ready.scene.run
+    system, excitation, run = (
+        prepared_scene.system,
+        prepared_scene.scene.excitation,
+        prepared_scene.scene.run,
+    )
     omega = timescales.angular_frequency(system)
     width = 0.5 * timescales.loss_rate(system, omega) * np.logspace(-1.0, 3.0, ASIDE)
     corners = np.unique(excitation.corners)
-    places = [
+    grids = [
         np.geomspace(1e-3 * omega, math.pi / spacing, OVERALL) / (2.0 * math.pi),
         np.concatenate([omega - width, [omega], omega + width]) / (2.0 * math.pi),
         *(np.linspace(low, high, BETWEEN) for low, high in pairwise(corners)),
-        # A density may jump at a corner.
+        # A density may be discontinuous at a corner.
         *(corners * side for side in (1.0 - 1e-12, 1.0 + 1e-12)),
     ]
-    frequencies = np.unique(np.concatenate(places))
+    frequencies = np.unique(np.concatenate(grids))
     frequencies = frequencies[(frequencies > 0.0) & (frequencies <= 0.5 / spacing)]
     density = excitation.density(frequencies)
     if density is not None:
         return frequencies, density
     from scipy.signal import welch
 
-    # One path for every seed, so that the steps do not depend on it.
-    path = excitation.path(spacing, ready.excitation_unit, realization_seed(0, 0))
+    # The path is independent of the scene's seed, so that the steps are too.
+    path = excitation.path(spacing, prepared_scene.excitation_unit, realization_seed(0, 0))
     count = min((run.settle + run.duration) / spacing, MOST_SAMPLES)
     samples = path.read(math.ceil(count))
     segment = min(SEGMENT_PERIODS * 2.0 * math.pi / (omega * spacing), samples.size)

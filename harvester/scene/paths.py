@@ -1,4 +1,4 @@
-"""Start and noise path of each realization: the same for every engine."""
+"""Initial state and noise path of each realization, the same for every engine."""
 
 from __future__ import annotations
 
@@ -14,49 +14,52 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 
-def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
-    """(X, X', transducer's state) in which a realization starts, scaled.
+def start_state(prepared_scene: Prepared, index: int) -> tuple[float, float, float]:
+    """Initial state (X, X', transducer's state) of a realization, scaled.
 
-    At rest in successive wells, beginning on the right, unless the scene gives a start; drawn over
-    the energy range where `run.starts` asks for it, the first at rest if its orbit is followed.
+    By default the mass is at rest, in successive wells from the right; [start] replaces this. With
+    `run.starts` the state is drawn over the energy range, except that of the first realization if
+    `run.orbit = "rest"`.
     """
-    run = ready.scene.run
+    run = prepared_scene.scene.run
     if run.starts is not None and (index or run.orbit != "rest"):
-        return drawn_start(ready, index)
-    length, wells = ready.scales.displacement, timescales.wells(ready.system)
+        return drawn_start(prepared_scene, index)
+    length, wells = prepared_scene.scales.displacement, timescales.wells(prepared_scene.system)
     displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
-    start = ready.scene.start
+    start = prepared_scene.scene.start
     if start:
         if start.displacement is not None:
             displacement = start.displacement / length
         velocity = start.velocity / length
-        state = start.voltage / ready.scene.transducer.state_unit(ready.setting)
+        state = start.voltage / prepared_scene.scene.transducer.state_unit(prepared_scene.setting)
     return displacement, velocity, state
 
 
-def distinct_realizations(ready: Prepared, wanted: int | None = None) -> int:
-    """Number of realizations that differ: with a deterministic excitation the number of starts.
+def distinct_realizations(prepared_scene: Prepared, wanted: int | None = None) -> int:
+    """Number of distinct realizations: under a deterministic excitation, the number of starts.
 
-    `wanted` is by default the scene's own number.
+    `wanted`: upper limit (default: the scene's `run.realizations`).
     """
-    scene = ready.scene
+    scene = prepared_scene.scene
     count = scene.run.realizations if wanted is None else wanted
     if scene.excitation.random or scene.run.starts is not None:
         return count
     placed = scene.start is not None and scene.start.displacement is not None
     alike = placed or scene.excitation.prescribes_displacement
-    return min(count, 1 if alike else len(timescales.wells(ready.system)))
+    return min(count, 1 if alike else len(timescales.wells(prepared_scene.system)))
 
 
-def several_starts(ready: Prepared) -> bool:
-    """Whether realizations differ by their starts alone."""
-    excitation = ready.scene.excitation
+def several_starts(prepared_scene: Prepared) -> bool:
+    """Whether realizations differ only in their initial states."""
+    excitation = prepared_scene.scene.excitation
     if excitation.random or excitation.prescribes_displacement:
         return False
-    return distinct_realizations(ready) > 1
+    return distinct_realizations(prepared_scene) > 1
 
 
-def noise_path(ready: Prepared, index: int, factor: float = 1.0) -> ExcitationPath:
-    """The excitation of one realization, at its beginning; the same for every engine."""
-    seed = realization_seed(ready.scene.run.seed, index)
-    return ready.scene.excitation.path(knot_spacing(ready), ready.excitation_unit / factor, seed)
+def noise_path(prepared_scene: Prepared, index: int, factor: float = 1.0) -> ExcitationPath:
+    """The excitation of one realization, from its beginning; the same for every engine."""
+    seed = realization_seed(prepared_scene.scene.run.seed, index)
+    return prepared_scene.scene.excitation.path(
+        knot_spacing(prepared_scene), prepared_scene.excitation_unit / factor, seed
+    )

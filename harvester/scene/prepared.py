@@ -51,18 +51,18 @@ class Prepared:
         return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 
     def replace(self, changes: dict[str, Any] | None = None, /, **parts: Any) -> Prepared:
-        """Return the prepared scene with other values of some keys, and with other tables."""
+        """Return a prepared scene with changed values, as `Scene.replace` does."""
         scene = self.scene.replace(changes) if changes else self.scene
         return prepared(replace(scene, **parts))
 
     def with_run(self, **changes: Any) -> Prepared:
-        """Return a copy with other values of [run]: only `scene` depends on them."""
+        """Return a copy with changed values of [run], on which only `scene` depends."""
         return replace(self, scene=replace(self.scene, run=replace(self.scene.run, **changes)))
 
 
 @functools.lru_cache(maxsize=KEPT)
 def prepared(scene: Scene) -> Prepared:
-    """Return the prepared scene, from the cache if it is there; nothing else scales a scene."""
+    """Return the prepared scene, from a cache if it is there."""
     system, scales = scale(scene)
     unit = excitation_unit(scene, scales.displacement)
     return Prepared(scene, system, scales, setting(scene), unit)

@@ -14,14 +14,14 @@ from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_keys
 
 
 def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """The tables of a scene, as objects of their classes, from nested dictionaries.
+    """Return the tables of a scene as objects of their classes.
 
-    `tables`: the scene as read from TOML: top-level keys and tables. The result has the keys
-    outside the tables by "". Raises SceneError for an unknown, missing or misplaced key, a wrong
-    type or a value out of range. Numbers are float or int.
+    `tables`: the scene as read from TOML, with top-level keys and tables. The result stores the
+    top-level keys under "". Numbers are float or int. Raises SceneError for an unknown, missing or
+    misplaced key, a wrong type or a value out of range.
     """
     for name in {*tables} - {*Top.KEYS, *all_tables()}:
-        # Another package's transducer is looked up by the name of its table.
+        # The registry loads another package's transducer at the look-up of its table's name.
         name in TRANSDUCERS  # noqa: B015
     classes = all_tables()
     names = [*Top.KEYS, *classes]
@@ -67,7 +67,7 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 
 def _check_spring(oscillator, origin):
-    """Refuse a range without the rest position, and points that make no curve."""
+    """Raise if the range does not contain 0, or the points do not define a curve."""
     low, high = oscillator.restoring_force_range or (-1.0, 1.0)
     if not low < 0.0 < high:
         raise SceneError(
@@ -86,18 +86,18 @@ def _check_spring(oscillator, origin):
             )
     if not points[0][0] < 0.0 < points[-1][0]:
         raise SceneError(
-            f"{where} goes from {points[0][0]:g} to {points[-1][0]:g}: it must hold displacements "
-            "on both sides of 0, where the other keys begin to count"
+            f"{where} goes from {points[0][0]:g} to {points[-1][0]:g}: must have displacements "
+            "on both sides of 0"
         )
     smooth = oscillator.force_interpolation == "smooth"
     if not smooth and len(points) > MOST_PIECES + 1:
         raise SceneError(
-            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are used unsmoothed; "
+            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} work without smoothing; "
             'set oscillator.force_interpolation = "smooth", or leave points out'
         )
     if smooth and len(points) <= POINTS_PER_PIECE:
         raise SceneError(
-            f"{where} has {len(points)} points: smoothing takes at least {POINTS_PER_PIECE + 1}"
+            f"{where} has {len(points)} points: smoothing needs at least {POINTS_PER_PIECE + 1}"
         )
 
 
@@ -107,53 +107,53 @@ def transducer_of(tables: Any) -> str:
 
 
 def _check_transducer(parts, origin):
-    """Check that there is one transducer, and the transducer's part of a start."""
+    """Raise unless there is one transducer, and it can have the start's voltage."""
     present = [f"[{name}]" for name in TRANSDUCERS if name in parts]
-    first, *others = (f"[{name}]" for name in TRANSDUCERS)
+    first, *alternatives = (f"[{name}]" for name in TRANSDUCERS)
     if not present:
-        raise SceneError(f"{origin}: table {first} is missing (or {', '.join(others)})")
+        raise SceneError(f"{origin}: table {first} is missing (or {', '.join(alternatives)})")
     if len(present) > 1:
         raise SceneError(
-            f"{origin}: {' and '.join(present)}: a device has one of them; take the other out "
+            f"{origin}: {' and '.join(present)}: a device has only one; remove the other "
             f"(--set {present[0][1:-1]}=none)"
         )
     name = transducer_of(parts)
     if "start" in parts and parts["start"].voltage and not parts[name].takes_voltage:
         raise SceneError(
-            f"{origin}: start.voltage belongs to a transducer whose capacitance holds it, such as "
-            f"a piezo, and this is a {name}; take it out"
+            f"{origin}: start.voltage needs a transducer with a capacitance, such as "
+            f"a piezo, but this is a {name}; remove it"
         )
 
 
 def _check_physics(parts, origin):
-    """Refuse values that together allow a motion without bounds or without a stationary state."""
+    """Raise if the values together allow unbounded motion or no stationary state."""
     oscillator, stoppers = parts["oscillator"], parts.get("stoppers", ())
     _check_bounded(oscillator, stoppers, origin)
-    # One impact speed is held at a time: `event` takes one stopper on a side.
+    # With `event` one impact speed is held per side, which allows one stopper there.
     for side in ("right", "left"):
         facing = [stopper for stopper in stoppers if stopper.side in (side, "both")]
         if len(facing) > 1 and any(stopper.impact_velocity == "event" for stopper in facing):
             raise SceneError(
                 f'{origin}: stoppers.impact_velocity = "event" with {len(facing)} stoppers on the '
-                f'{side}: one impact speed is held there; choose "energy", or take the others out'
+                f'{side}: one impact speed is held there; choose "energy", or remove the others'
             )
     name = transducer_of(parts)
     uncoupled = getattr(parts[name], "coupling", None) == 0.0
     names = ("damping", "quality_factor", "damping_ratio", "quadratic_damping")
     if uncoupled and not any(getattr(oscillator, key) for key in names):
         raise SceneError(
-            f"{origin}: oscillator.damping = 0 with {name}.coupling = 0: nothing takes the energy "
-            "out, so there is no stationary state; give one of them a value > 0"
+            f"{origin}: oscillator.damping = 0 with {name}.coupling = 0: no energy is lost, "
+            "so there is no stationary state; give one of them a value > 0"
         )
     if uncoupled and parts[""].units == SI:
         raise SceneError(
-            f"{origin}: {name}.coupling = 0.0: must be a number > 0 in SI, where it sets the "
+            f"{origin}: {name}.coupling = 0.0: must be a number > 0 in SI, because it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
         )
 
 
 def _check_bounded(oscillator, stoppers, origin):
-    """The force must lead back far out on both sides: by the spring, or by stoppers there."""
+    """Raise if neither the spring nor a stopper leads the mass back far out on each side."""
     if oscillator.restoring_force_range is not None:
         return
     if oscillator.force_table is not None:
@@ -181,12 +181,12 @@ def _check_bounded(oscillator, stoppers, origin):
             f"{origin}: oscillator.{value} leaves the motion unbounded on the {side}: the "
             "highest power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short "
             f"form), a stopper with a greater exponent must be on the {side}, or "
-            "oscillator.restoring_force_range must give the displacements between which it holds"
+            "oscillator.restoring_force_range must give the interval in which the force is known"
         )
 
 
 def _stopped(stoppers, side, order):
-    """Whether a stopper on this side grows faster with depth than a force of this power."""
+    """Whether a stopper on this side grows faster with depth than a force of this order."""
     return any(
         stopper.stiffness > 0.0 and stopper.side in (side, "both") and stopper.exponent > order
         for stopper in stoppers

@@ -1,4 +1,4 @@
-"""Finds a scene: by a built-in name or a file, with the files that it refers to."""
+"""Find a scene by a built-in name or a file, and resolve the paths of its files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def built_in_names() -> list[str]:
 def tables_of(
     source: str | Path, overrides: Iterable[str] | dict[str, Any]
 ) -> tuple[dict[str, Any], Path]:
-    """Tables of a scene with its overrides put in, and the path that they were read from.
+    """Read a scene's tables, apply the overrides, and return them with the scene's path.
 
     `source`, `overrides`: see `harvester.scene.model.Scene.read`. Raises SceneError.
     """
@@ -53,21 +53,23 @@ def tables_of(
 
 
 def _find(source):
-    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
+    """Path of a scene's file. A file of the same name does not replace a built-in scene."""
     if not isinstance(source, (str, Path)):
         tables = ", or Scene.from_tables(…)" * isinstance(source, Mapping)
-        raise SceneError(f"{shown(source)}: no scene; give a name or a path{tables}: {_listed()}")
+        raise SceneError(
+            f"{shown(source)}: not a scene; give a name or a path{tables}: {_listed()}"
+        )
     if str(source) in built_in_names():
         return BUILT_IN / f"{source}.toml"
     path, where = Path(source), named(str(source))
     if os.path.exists(path):
         return path
-    hint = nearest(path.name, [*built_in_names(), *_beside(path)])
+    hint = nearest(path.name, [*built_in_names(), *_neighbouring_scenes(path)])
     noun = "scene file" if path.suffix == ".toml" else "scene"
     raise SceneError(f"{where}: no such {noun}{hint}; built in are {_listed()}")
 
 
-def _beside(path):
+def _neighbouring_scenes(path):
     """Names of the scene files in a path's folder."""
     try:
         return sorted(file.name for file in path.parent.glob("*.toml"))

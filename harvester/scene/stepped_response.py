@@ -1,4 +1,4 @@
-"""Step error of Monte Carlo for a steady motion under sines, of the linearised device."""
+"""Step error of Monte Carlo for steady sinusoidal motion of the linearised device."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
 
 
-def steady_error(ready: Prepared, spacing: float, steps: int) -> float:
-    """Largest relative error of a mean square of X, X' and the transducer's state under all lines.
+def steady_error(prepared_scene: Prepared, spacing: float, steps: int) -> float:
+    """Largest relative error of the mean squares of X, X' and the transducer's state.
 
-    For small oscillations about the stiffest well, with a resistor as load. A step is linear in
-    (X, X', state, η, η'), so that its matrix gives the discrete steady motion at each line.
+    It applies to small oscillations about the stiffest well under the excitation's lines, with a
+    resistor as load. A step is linear in (X, X', state, η, η'), so that its matrix gives the
+    discrete steady motion at each line.
 
-    `spacing`: between two samples of the excitation (s), which `steps` divide.
+    `spacing`: time between two samples of the excitation (s). `steps`: steps per sample.
     """
     # The device linearised in its stiffest well, without drag and stoppers.
-    s = ready.system
+    s = prepared_scene.system
     stiffness = max(timescales.stiffness(s, well) for well in timescales.wells(s))
     spring, damper = polynomial([0.0, stiffness]), Damper(s.damper.damping)
     s = s._replace(spring=spring, damper=damper, contacts=())
@@ -41,10 +42,10 @@ def steady_error(ready: Prepared, spacing: float, steps: int) -> float:
         state_rate = system.state_rate(s.transducer, unit[1], unit[2])
         column[:] = unit[1], system.push(s, *unit), state_rate
     total, error = np.zeros(3), np.zeros(3)
-    for frequency, amplitude in ready.scene.excitation.lines:
+    for frequency, amplitude in prepared_scene.scene.excitation.lines:
         rate = 2j * math.pi * frequency
         ahead = np.exp(rate * spacing)
-        # Samples of a sine are raised for the straight lines between them.
+        # Sines are amplified to compensate for linear interpolation between samples.
         sample = amplitude / np.sinc(frequency * spacing) ** 2
         slope = sample * (ahead - 1.0) / spacing
         drive = between[:3, 3] * sample + between[:3, 4] * slope

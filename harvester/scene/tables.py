@@ -1,4 +1,4 @@
-"""The tables of a scene: each key is declared at the field of its table's class."""
+"""The tables of a scene: each key is declared as a field of its table's class."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from harvester.excitation.base import Run
 TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
     "harvester.transducers", {"piezo": PiezoTable, "coil": CoilTable}
 )
-# Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
+# Maximum number of points in a force table. More than `MOST_PIECES` + 1 points need smoothing.
 MOST_POINTS = 2000
-# Optional tables, and tables that may be repeated, with their largest number.
+# Optional tables, and the maximum numbers of repeated tables.
 OPTIONAL, SEVERAL = ("beam", "magnets", "stoppers", "start"), {"stoppers": 16}
 
 
@@ -60,7 +60,7 @@ class Top(Table):
 
 @table
 class Oscillator(Table):
-    """Mass, spring and damper. A scene keeps the keys that it was given.
+    """Mass, spring and damper. The scene keeps the keys that were given.
 
     `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
     `cubic_stiffness` are the short form of (0, k1, 0, k3).
@@ -106,7 +106,7 @@ class Oscillator(Table):
         default="monotone", rare=True, drawn=True,
     )  # fmt: skip
     restoring_force_range: tuple | None = key(
-        "range of the spring: displacements between which it is known", "m", "l",
+        "range of the spring: displacements between which the force is known", "m", "l",
         element=NUMBER, count=(2, 2),
     )  # fmt: skip
 
@@ -135,7 +135,7 @@ class Oscillator(Table):
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:
-        """(F0, k1, k2, …) whichever form the scene has; empty of a table."""
+        """The coefficients (F0, k1, k2, …), from either form; empty for a force table."""
         if self.force_table is not None:
             return ()
         return self.restoring_force or (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
@@ -166,7 +166,7 @@ class Stopper(Table):
 
 @table
 class Start(Table):
-    """The state in which every realization starts; without it, at rest in successive wells."""
+    """The state in which every realization starts; by default, rest in successive wells."""
 
     displacement: float | None = key("displacement; default: in successive wells", "m", "l")
     velocity: float = key("velocity", "m/s", "l/s", default=0.0)
@@ -198,7 +198,7 @@ class Load(Table):
                 "subcircuit": ("netlist",),
                 "parameters": ("netlist",),
             },
-            hint=" (a netlist's values: load.parameters; of a load study's --load: --sweep "
+            hint=" (a netlist's values: load.parameters; values of a load study's --load: --sweep "
             "load.parameters.NAME=VALUE)",
         ),
     )
@@ -209,12 +209,12 @@ class Load(Table):
 
     @property
     def is_resistor(self) -> bool:
-        """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
+        """Whether the load is the built-in resistor, or a netlist that contains only one."""
         return self.circuit is None or self.circuit.resistance is not None
 
 
 def all_tables() -> dict[str, Any]:
-    """The class of every table, in the order in which a scene is written; kinds of excitation."""
+    """The class of every table, in writing order; for the excitation, the classes of its kinds."""
     return {
         "beam": Beam, "magnets": Magnets, "oscillator": Oscillator, "stoppers": Stopper,
         **TRANSDUCERS, "load": Load, "start": Start, "excitation": KINDS, "run": Run,
@@ -222,13 +222,13 @@ def all_tables() -> dict[str, Any]:
 
 
 def all_keys() -> list[str]:
-    """`table.key` of all keys that a scene may hold, whatever its tables."""
+    """`table.key` of all keys that a scene may contain."""
     tables = all_tables().items()
     return [f"{name}.{key}" for name, classes in tables for key in every_key(classes)]
 
 
 def rows_of(tables: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Name, class and values of every table; each of several is `name[k]`."""
+    """Name, class and values of every table; repeated tables are named `name[k]`."""
     for name, classes in all_tables().items():
         content = tables.get(name, ())
         if isinstance(content, dict):
@@ -238,7 +238,7 @@ def rows_of(tables: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]
 
 
 def key_named(dotted: str) -> Key:
-    """The declaration of `table.key`, or of `table[k].key`; an empty one where there is none."""
+    """The declaration of `table.key` or `table[k].key`; an empty declaration if there is none."""
     name, _, last = dotted.partition(".")
     tables = all_tables().get(name.partition("[")[0])
     last = last if tables is not KINDS else last.rpartition(".")[2]
@@ -246,7 +246,7 @@ def key_named(dotted: str) -> Key:
 
 
 def key_words(dotted: str, units: str) -> tuple[str, str]:
-    """Words for a key of a scene, and its unit: empty where it is not known or scaled."""
+    """Description of a scene's key, and its unit; the unit is empty if unknown or scaled."""
     spec = key_named(dotted)
     table_name, _, name = dotted.rpartition(".")
     if dotted == "load.parameters.resistance":
@@ -256,19 +256,19 @@ def key_words(dotted: str, units: str) -> tuple[str, str]:
 
 
 def value_words(dotted: str, value: float | str, units: str) -> str:
-    """ "27.3 kΩ": a value of a key with its unit; a word as it is."""
+    """A value of a key with its unit, such as "27.3 kΩ"; texts are returned unchanged."""
     if isinstance(value, str):
         return value
     return quantity(value, key_words(dotted, units)[1], 6)
 
 
 def key_label(dotted: str, units: str) -> str:
-    """ "load resistance [Ω]": a key on the axis of a figure."""
+    """Label of a key on a figure's axis, such as "load resistance [Ω]"."""
     words, unit = key_words(dotted, units)
     return f"{words} [{unit}]" if unit and unit != "1" else words
 
 
 def key_column(dotted: str, units: str) -> str:
-    """ "load.resistance [Ω]": a key in the header of a table of plain numbers."""
+    """Name of a key's column in a table of numbers, such as "load.resistance [Ω]"."""
     unit = key_words(dotted, units)[1]
     return f"{dotted} [{unit}]" if unit else dotted

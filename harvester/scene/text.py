@@ -11,7 +11,7 @@ from harvester.scene.tables import key_named, rows_of
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Column at which the comments begin.
+# Column at which comments begin.
 COMMENTS = 34
 
 
@@ -21,14 +21,14 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
     Parameters
     ----------
     comments : dict of str to str
-        Comments by the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
+        Comments on numbers by their keys: `table.key`, `table[n].key` or `table.key[n]`.
     heading : list of str
-        Lines of comment at the top.
+        Comment lines at the top.
     """
     from circuits.netlist.subcircuits import load_names
 
     tables = scene.to_tables()
-    # A record's path is absolute already: the text may be written into any folder.
+    # The text may be written into any folder, so the path must be absolute. A record's already is.
     if scene.load.netlist and scene.load.netlist not in load_names():
         tables["load"]["netlist"] = str(scene.load.circuit.source[0].absolute())
     lines = [f"# {one_line(text)}" for text in heading]
@@ -84,7 +84,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        # A string in JSON is one in TOML, except for the character DEL.
+        # JSON strings are valid TOML strings, except for the character DEL.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_value, value)) + "]"

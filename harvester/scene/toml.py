@@ -1,4 +1,4 @@
-"""The tables of a scene as plain Python values, within limits, before anything is looked up."""
+"""Read a scene's TOML text as plain Python values, within size limits."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, shown
 
-# Largest scene in bytes. A scene holds no data.
+# Largest scene in bytes. A scene contains no data.
 LARGEST_SCENE = 2**18
 # Deepest nesting of tables and lists.
 DEEPEST = 16
 MOST_VALUES = 10_000
 LONGEST_TEXT = 4096
-# Limit on the sum over all lines of (number of dots)². The time to read a dotted key grows with the
-# square of its parts.
+# Largest sum over all lines of (number of dots)². The time to read a dotted key grows with the
+# square of the number of its parts.
 MOST_DOTS_SQUARED = 4_000_000
 
 
 class NotToml(SceneError):
-    """A text does not follow TOML's rules."""
+    """A text is not valid TOML."""
 
 
 def read_toml(text: str, origin: str) -> dict[str, Any]:
     """Nested dictionaries of a TOML text. Raises SceneError."""
     if len(text) > LARGEST_SCENE:
-        raise SceneError(f"{origin}: too long: {len(text)} characters; {LARGEST_SCENE} is the most")
+        raise SceneError(
+            f"{origin}: too long: {len(text)} characters; must be at most {LARGEST_SCENE}"
+        )
     if sum(line.count(".") ** 2 for line in text.split("\n")) > MOST_DOTS_SQUARED:
         raise SceneError(f"{origin}: not a TOML file: a line with too many dots")
     try:
@@ -40,21 +42,21 @@ def read_toml(text: str, origin: str) -> dict[str, Any]:
         raise NotToml(f"{origin}: not a TOML file: {named(' '.join(str(error).split()))}") from None
     except RecursionError:
         raise SceneError(f"{origin}: tables or lists are nested too deeply") from None
-    # Python limits the length of whole numbers.
+    # Python limits the length of integers.
     except ValueError:
         raise SceneError(f"{origin}: a number has too many digits") from None
 
 
 def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """Copy of nested dictionaries with numpy's numbers as Python's.
+    """Copy nested dictionaries and convert numpy's numbers to Python's.
 
-    Values of other types are kept; the check of their key refuses them.
+    Values of other types are kept; the check of their key rejects them.
 
-    Raises SceneError for tables nested too deeply, too many values, a text too long, a key that is
-    no text.
+    Raises SceneError for tables nested too deeply, too many values, a text that is too long, or a
+    key that is not a text.
     """
     if not isinstance(tables, dict):
-        raise SceneError(f"{origin}: a scene is a dictionary of tables, not {shown(tables)}")
+        raise SceneError(f"{origin}: a scene must be a dictionary of tables, not {shown(tables)}")
     count = itertools.count(1)
 
     def copy(value, where, depth):
@@ -66,7 +68,7 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
                 if not isinstance(key, str) or named(key) != key:
                     owner = named(where) if where else "the scene"
                     raise SceneError(
-                        f"{origin}: {owner} has the key {shown(key)}, which is no name"
+                        f"{origin}: {owner} has the key {shown(key)}, which is not a name"
                     )
             return {
                 str(name): copy(item, f"{where}.{name}" if where else name, depth + 1)
@@ -85,7 +87,7 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 
 def parts_of(table: Any, where: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """A table with its name, then the tables in its `parts` with theirs; faults are left alone."""
+    """Yield a table and its name, then its `parts` recursively; skip invalid values."""
     if isinstance(table, dict):
         yield where, table
         parts = table.get("parts")
@@ -94,7 +96,7 @@ def parts_of(table: Any, where: str = "") -> Iterator[tuple[str, dict[str, Any]]
 
 
 def _plain_number(value):
-    """Python's number for one of numpy or fractions; anything else as it is."""
+    """Convert a number of numpy or fractions to Python's; return other values unchanged."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     try:

@@ -1,7 +1,6 @@
-"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units.
+"""Conversion of a scene to the scaled form (Eqs. 3–6), and the scales for converting back.
 
-`Scene`, its oscillator and its stoppers are defined in `harvester.scene.model`, which imports this
-module.
+`harvester.scene.model` defines `Scene` and imports this module.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ if TYPE_CHECKING:
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions that are never rescaled, since time is not; stress is in Pa.
+# Dimensions that are not scaled: those of time, which has no scale, and stress in Pa.
 UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
 @dataclass(frozen=True)
 class Scales:
-    """One scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
+    """Size of one scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
 
-    displacement l, voltage the transducer's unit, power M l² (s⁻³); acceleration and velocity scale
-    with l, energy with power.
+    Displacement has the unit l, voltage the transducer's unit, and power M l² (s⁻³). Acceleration
+    and velocity scale with l, energy with power.
     """
 
     displacement: float = 1.0
@@ -45,7 +44,7 @@ class Scales:
     power: float = 1.0
 
     def of(self, dimension: str) -> float:
-        """Factor for "displacement^2", "voltage", "power", "1" and the like."""
+        """Factor for a dimension such as "displacement^2", "voltage", "power" or "1"."""
         base, _, exponent = dimension.partition("^")
         if base in ("1", *UNSCALED):
             return 1.0
@@ -56,11 +55,11 @@ class Scales:
 
 
 def scale(scene: Any) -> tuple[System, Scales]:
-    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled)."""
+    """The scaled device, and the scales for converting back (Eq. 3; time is not scaled)."""
     surroundings = setting(scene)
     mass, length = surroundings.mass, surroundings.length
     if scene.excitation.prescribes_displacement:
-        # Without spring and damper only the transducer is left; its η drives the mass.
+        # The mass follows the prescribed η; only the transducer remains.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
         spring = restoring_spring(scene.oscillator, mass, length)
@@ -84,7 +83,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
             "position in it"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    # The noise is the excitation's, or the equivalent one, on the mass.
+    # The excitation's noise if it is white or coloured, else the equivalent noise on the mass.
     intensity, time = scene.excitation.equivalent_noise(
         timescales.relaxation_time(system), longest_spacing(system)
     )
@@ -93,8 +92,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
 
 
 def excitation_unit(scene: Any, length: float) -> float:
-    """Base acceleration for one unit of η, l/μ: on a beam's mode the base's acceleration
-    counts μ times."""
+    """Base acceleration for one unit of η, l/μ. The base factor μ is that of a beam's mode."""
     return length / scene.oscillator.base_factor
 
 
@@ -114,16 +112,16 @@ def restoring_spring(oscillator: Any, mass: float = 1.0, length: float = 1.0) ->
 
 
 def rest_stiffness(oscillator: Any) -> float:
-    """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
+    """F' at the stiffest rest position of the spring, in the scene's units; 0 if there is none."""
     spring = restoring_spring(oscillator)
     return max([float(spring.slope(float(x))) for x in spring.roots()], default=0.0)
 
 
 def acting_stoppers(scene: Any, spring: Spring) -> Iterator[tuple[Any, str]]:
-    """(stopper, side) of each contact of the scaled device, in its order."""
+    """(stopper, side) of each contact of the scaled device, in order."""
     for stopper in scene.stoppers:
         if stopper.stiffness > 0.0:
-            # A pair is one contact where the spring is symmetric, else one on each side.
+            # If the spring is symmetric, a pair is one contact, else one on each side.
             split = stopper.side == "both" and not spring.symmetric
             for side in ("right", "left") if split else (stopper.side,):
                 yield stopper, side
@@ -142,13 +140,13 @@ def _contact(stopper, side, mass, length):
 
 
 def longest_spacing(system: System) -> float:
-    """Longest knot spacing (s) that resolves small oscillations; infinite without any."""
+    """Longest knot spacing (s) that resolves small oscillations; infinite if there are none."""
     frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 
 
 def load_resistance(scene: Any) -> float | None:
-    """Resistance of a load that is a resistor (Ω), else None."""
+    """Resistance of a resistive load (Ω), else None."""
     load = scene.load
     return load.circuit.resistance if load.circuit else load.resistance
 
@@ -171,7 +169,7 @@ def setting(scene: Any) -> Setting:
 
 
 def require_resistor(scene: Any, method: str) -> None:
-    """Refuse a load that λ does not describe. Raises LoadError."""
+    """Raise LoadError unless the load is a resistor, which λ describes."""
     if not scene.load.is_resistor:
         raise LoadError(
             f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
@@ -181,7 +179,7 @@ def require_resistor(scene: Any, method: str) -> None:
 
 
 def require_mass(scene: Any, method: str) -> None:
-    """Refuse an excitation that prescribes the displacement of the mass. Raises LoadError."""
+    """Raise LoadError if the excitation prescribes the displacement of the mass."""
     if scene.excitation.prescribes_displacement:
         raise LoadError(
             f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
@@ -190,10 +188,10 @@ def require_mass(scene: Any, method: str) -> None:
 
 
 def length_scale(scene: Any) -> float:
-    """The scene's length unit l in metres: as given, else the farthest well's distance, else a gap.
+    """The scene's length unit l in metres.
 
-    A monostable device without stoppers has neither: its rms displacement under white noise
-    of the same intensity is taken.
+    It is the given value, else the distance of the farthest well, else a gap, else the rms
+    displacement under white noise of the same intensity.
     """
     if scene.length_scale is not None:
         return scene.length_scale
@@ -215,10 +213,10 @@ def length_scale(scene: Any) -> float:
 
 
 def _farthest_well(oscillator):
-    """Distance of the farthest rest position of the bare spring (m); 0 when that is x = 0."""
+    """Distance of the farthest rest position from x = 0, for the spring alone (m)."""
     if oscillator.is_short_form:
         linear, cubic = oscillator.linear_stiffness, oscillator.cubic_stiffness
         return math.sqrt(-linear / cubic) if linear < 0.0 < cubic else 0.0
     bare = restoring_spring(oscillator)
-    places = [abs(float(x)) for x in bare.roots() if bare.slope(float(x)) > 0.0]
-    return max(places, default=0.0)
+    distances = [abs(float(x)) for x in bare.roots() if bare.slope(float(x)) > 0.0]
+    return max(distances, default=0.0)

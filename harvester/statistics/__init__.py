@@ -1,1 +1,1 @@
-"""Moments of a run, and the estimates, error bars and notes that follow from them."""
+"""Moments of a run, and the estimates, error bars and notes computed from them."""

@@ -1,15 +1,15 @@
-"""Rule of agreement of two estimates, for comparisons, cross-checks and verdicts."""
+"""Criterion for the agreement of two estimates in comparisons, cross-checks and verdicts."""
 
 from __future__ import annotations
 
-# A difference is significant from this number of standard errors on; by chance one in 370 is.
+# A difference of at least this many standard errors is significant; chance causes one in 370.
 SIGNIFICANT_SIGMAS = 3.0
-# A smaller share of a quantity is negligible: the default steps may cost as much,
+# A smaller share of a quantity is negligible, since the default steps may cost as much,
 # docs/explanation/steps.md.
 NEGLIGIBLE_SHARE = 0.01
-# A difference whose standard error is a larger share does not check either estimate.
+# A difference with a larger relative standard error is too uncertain to check an estimate.
 SHARP_SHARE = 0.1
-NOT_SHARP = f"known no better than ± {SHARP_SHARE:.0%}"
+NOT_SHARP = f"uncertain by more than ± {SHARP_SHARE:.0%}"
 
 
 def differ(
@@ -20,20 +20,20 @@ def differ(
     allowance: float = 0.0,
     sigmas: float = SIGNIFICANT_SIGMAS,
 ) -> bool:
-    """Whether two estimates differ; False where the standard error is not known.
+    """Whether two estimates differ; False if the standard error is unknown.
 
     Parameters
     ----------
     difference : float
-        Difference of the two, or its share of one of them.
+        Difference of the two estimates, or its share of one of them.
     standard_error : float or None
         Standard error of the difference, in the same unit.
     negligible : float
-        A smaller difference is none, however significant it is.
+        A smaller difference is ignored, even if it is significant.
     allowance : float
-        Part of a difference that is expected, in addition to chance.
+        Expected part of the difference, in addition to the statistical error.
     sigmas : float
-        Number of standard errors that chance may cause.
+        Number of standard errors above which a difference is significant.
 
     Examples
     --------
@@ -46,5 +46,5 @@ def differ(
 
 
 def is_sharp(standard_error: float | None) -> bool:
-    """Whether a difference, as a share, is known well enough to check two estimates."""
+    """Whether a relative difference is precise enough to check two estimates."""
     return standard_error is not None and standard_error <= SHARP_SHARE

@@ -1,9 +1,8 @@
-"""The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
+"""Identify the steady motions of a driven device from stroboscopic samples of many starts.
 
-A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
-samples are the same cycle are on one attractor, whatever their phase. Motions that do not
-repeat are distinguished by where they go: two starts are on one attractor where their samples fill
-the same cells of the section.
+A motion is periodic if its samples repeat after an integer number of forcing periods. Starts with
+the same cycle are on one attractor, whatever their phase. Aperiodic motions are compared by their
+Poincaré sections: two starts are on one attractor if their samples fill the same cells.
 """
 
 from __future__ import annotations
@@ -17,53 +16,53 @@ from harvester.scene.steps import faintness
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.stroboscope import STATE
 
-# Longest period that is tested, in forcing periods, and how many repetitions of it the samples must
-# cover.
+# Longest period that is tested, in forcing periods, and the number of its repetitions that the
+# samples must cover.
 LONGEST_PERIOD, SEEN = 24, 2.0
-# A motion repeats if its samples differ by at most the first share of their greatest, and two
-# cycles are the same if they differ by at most the second: starts that still settle lie apart by
-# several times their change in a period.
+# A motion repeats if its samples differ by at most the first share of their maximum. Two cycles are
+# the same if they differ by at most the second share, since unsettled starts differ by several
+# times their change per period.
 REPEATS, SAME_CYCLE = 1e-4, 1e-2
-# A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
-# spiral that turns by a third of a circle a period nearly repeats after three.
+# A shorter period replaces its multiple if it repeats to within this share: a decaying spiral that
+# turns by a third of a circle per period nearly repeats after three periods.
 STILL_SETTLING = 3e-3
 # A start joins a cycle if it stays within `SAME_CYCLE` of it for two periods and this many further
-# samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
+# samples. Of 1681 starts of the scene `device` under a sine, one reached its orbit too late for
 # `REPEATS`.
 STAYS = 6
-# A start has converged if the rest of its transient is below the first share of its greatest
-# samples, or if these change by less than the second, the round-off of a period. The change is
-# taken over this stretch of the samples and over the stretch before.
+# A start has converged if its remaining transient is below the first share of its largest samples,
+# or if these change by less than the second share, the round-off of a period. The change is
+# measured over the last stretch and the one before, each this share of the samples.
 CONVERGED, ROUNDING, STRETCH = 1e-6, 1e-9, 0.375
-# A cycle counts if less than this share of its size is left of the transient, a tenth of the
-# distance at which cycles differ. Its error bars hold the rest.
+# A cycle counts if its remaining transient is below this share of its size, a tenth of the distance
+# that separates cycles. Its error bars include the remaining transient.
 NEARLY_CONVERGED = 1e-3
-# What `means_of` gives, by dimension. A divisor that is 0 is replaced by the smallest number.
+# The results of `means_of`, with their dimensions. Divisors of 0 are replaced by SMALLEST.
 QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
 SMALLEST = 1e-150
-# For a path with noise: the longest period that is tested, in forcing periods, and the correlation
-# above which it repeats.
+# For a noisy path: the longest period that is tested, in forcing periods, and the correlation above
+# which the path is periodic.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
-# Motions without a period are compared on a grid of cells over the section, with CELLS √samples
-# cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
-# starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
-# or next to cells that the other fills.
+# Aperiodic motions are compared on a grid of cells over the section, with CELLS √samples cells per
+# side. This is 24 for 64 samples; with 24 cells for 19 samples, one chaotic motion of eight starts
+# was split into two. Two starts are on one attractor if at least SAME_CELLS of one start's samples
+# are in or next to cells filled by the other.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 
 @dataclass(frozen=True)
 class Group:
-    """Starts that settled on the same steady motion.
+    """Starts that reached the same steady motion.
 
     Attributes
     ----------
     period
-        Period in forcing periods; None if the motion does not repeat itself.
+        Period in forcing periods; None for an aperiodic motion.
     members
         Numbers of the starts, ascending.
     points
-        Its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
-        samples, 3); of a motion without a period the samples of all members, at most some thousand.
+        Stroboscopic section (X, X' and the transducer's state, scaled), shape (period or samples,
+        3). For an aperiodic motion it contains samples of all members, at most `MOST_POINTS`.
     """
 
     period: int | None
@@ -71,15 +70,15 @@ class Group:
     points: np.ndarray
 
 
-# Most points that are kept of a motion without a period.
+# Maximum number of stored points of an aperiodic motion.
 MOST_POINTS = 5000
 
 
 def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-    """The period of each start's last samples, in forcing periods; 0 where they do not repeat.
+    """The period of each start's last samples, in forcing periods; 0 if they do not repeat.
 
-    `samples` has the shape (starts, samples, 3); `scale` holds the sizes of the three against
-    which differences count, by default the greatest of all samples.
+    `samples` has the shape (starts, samples, 3). Differences are relative to `scale`, by default
+    the largest values of the three columns.
     """
     scale = sizes_of(samples) if scale is None else scale
     periods = np.zeros(len(samples), dtype=int)
@@ -88,7 +87,7 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
         open_ = np.flatnonzero(periods == 0)
         if not open_.size:
             break
-        # Only the last two periods are compared, so that a start may settle late.
+        # Only the last two periods are compared, so that starts may settle late.
         back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
         last = samples[open_, -back:]
         repeats = _change(last, period, scale) <= REPEATS
@@ -104,8 +103,9 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
 def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Each start's period, and its remaining distance from the cycle that it approaches.
 
-    Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
-    A fast decay may mask a slow store, so that its whole memory counts.
+    Changes over equal stretches of whole cycles shrink by a factor r, so that Σ rᵏ of the last
+    change remains. A fast decay may hide a slow store, so the full `memory` is also used as a
+    bound.
 
     Parameters
     ----------
@@ -116,8 +116,9 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
     Returns
     -------
     (ndarray of int, ndarray, ndarray), shapes (starts,)
-        Periods as in `repetition`; the change over the last stretch, and what remains, as shares
-        of the start's greatest samples: infinite where nothing repeats or changes do not decay.
+        Periods as in `repetition`; the change over the last stretch, and the remaining distance, as
+        shares of the start's largest samples. Both are infinite if the samples do not repeat; the
+        distance is also infinite if changes do not decay.
     """
     inside = np.isfinite(samples).all(axis=(1, 2))
     samples = np.where(inside[:, None, None], samples, 0.0)
@@ -131,15 +132,20 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
         selected, stretch = periods == period, stretch_of(period, samples.shape[1])
         if stretch:
             moved = np.abs(scaled[selected, stretch:] - scaled[selected, :-stretch]).max(axis=2)
-            now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
-            left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
-            left = np.maximum(left, now * memory / stretch)
-            changes[selected], remains[selected] = now, np.where(now <= ROUNDING, now, left)
+            latest, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
+            limit = np.where(
+                latest < before, latest * latest / np.maximum(before - latest, SMALLEST), np.inf
+            )
+            limit = np.maximum(limit, latest * memory / stretch)
+            changes[selected], remains[selected] = (
+                latest,
+                np.where(latest <= ROUNDING, latest, limit),
+            )
     return periods, changes, remains
 
 
 def stretch_of(period: int, count: int) -> int:
-    """Samples in the stretches of whole cycles that `transients` compares; 0: too few samples."""
+    """Length in samples of the stretches that `transients` compares; 0: too few samples."""
     return int(STRETCH * (count - 1)) // period * period
 
 
@@ -148,17 +154,17 @@ def means_of(
 ) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
-    For a periodic motion the means are over its last whole cycles, and the errors include the rest
-    of the transient. Else both are taken over all samples; NaN if these are too few for an error.
+    Means of a periodic motion are over its last whole cycles, with errors that include the
+    remaining transient. Otherwise all samples are used; errors are NaN if these are too few.
 
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, columns)
-        One start of a periodic motion, or all starts of one without a period.
+        One start of a periodic motion, or all starts of an aperiodic one.
     seconds : float
         Period of the excitation.
     steps : float
-        Share of a mean that the steps may cost.
+        Relative error of a mean due to the step.
     memory : float
         As in `transients`.
     reactive : float
@@ -184,41 +190,41 @@ def means_of(
 
 
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:
-    """Whether a measured path repeats itself after some periods of the forcing.
+    """Whether a measured path is periodic with a small multiple of the forcing period.
 
-    The samples of one path with a sensor's noise never agree as `repetition` requires: here the
-    path and the same path some periods later are correlated. `path` is evenly spaced; its first
-    third, in which a start is forgotten, does not count. `period` is in samples.
+    Samples with sensor noise never agree as `repetition` requires. Instead, the path is correlated
+    with the path some periods later. `path` is evenly spaced; its first third is excluded as the
+    initial transient. `period` is in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
-    places = np.arange(late.size)
+    times = np.arange(late.size)
     for count in range(1, LONGEST_IN_NOISE + 1):
-        moved = places[: int(late.size - count * period) - 1] + count * period
+        moved = times[: int(late.size - count * period) - 1] + count * period
         if moved.size < 2:
             return True
-        later = np.interp(moved, places, late)
+        later = np.interp(moved, times, late)
         if np.corrcoef(late[: moved.size], later)[0, 1] > CORRELATED:
             return True
     return False
 
 
 def _change(samples, period, scale):
-    """Greatest change of each start's samples over a period, in units of the sizes."""
+    """Largest change of each start's samples over a period, relative to `scale`."""
     change = np.abs(samples[:, period:] - samples[:, :-period]) / scale
     return change.max(axis=(1, 2))
 
 
 def sizes_of(samples: np.ndarray) -> np.ndarray:
-    """Greatest |X|, |X'| and |state| of all samples, 1 where all are 0; shape (3,)."""
+    """Largest |X|, |X'| and |state| of all samples, 1 if all are 0; shape (3,)."""
     greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
-    # A variable that is zero but for rounding has no scale.
+    # A variable that is zero except for round-off has no scale.
     return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
 
 
 def groups_of(samples: np.ndarray) -> list[Group]:
-    """Starts grouped by the steady motion that they reached, the largest group first.
+    """Group starts by the steady motion that they reached, the largest group first.
 
-    `samples` are stroboscopic, taken after the starts are forgotten; shape (starts, samples, 3).
+    `samples` are stroboscopic, after the initial transient; shape (starts, samples, 3).
     """
     scale = sizes_of(samples)
     periods = repetition(samples, scale)
@@ -227,45 +233,44 @@ def groups_of(samples: np.ndarray) -> list[Group]:
         for period in np.unique(periods[periods > 0])
         for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
     ]
-    groups, wandering = _joined(groups, samples, scale, np.flatnonzero(periods == 0))
-    groups += _wanderers(samples, wandering)
+    groups, wandering = _with_late_starts(groups, samples, scale, np.flatnonzero(periods == 0))
+    groups += _aperiodic_groups(samples, wandering)
     return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def synchronized_clusters(samples: np.ndarray) -> list[Group]:
-    """Starts grouped by the path that they reached under one record.
+    """Group starts by the path that they reached under the same record.
 
     `samples` of all starts are from the same times at the end; shape (starts, samples, 3).
     """
-    scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
-    while left.size:
-        apart = np.abs(samples[left] - samples[left[0]]) / scale
+    scale, remaining, groups = sizes_of(samples), np.arange(len(samples)), []
+    while remaining.size:
+        apart = np.abs(samples[remaining] - samples[remaining[0]]) / scale
         joining = apart.max(axis=(1, 2)) <= SAME_CYCLE
-        groups.append(Group(None, left[joining], samples[left[0]]))
-        left = left[~joining]
+        groups.append(Group(None, remaining[joining], samples[remaining[0]]))
+        remaining = remaining[~joining]
     return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def _cycles(samples, scale, period, members):
-    """Starts whose motions have the same period, grouped by the cycle that they reach."""
+    """Group starts of the same period by the cycle that they reach."""
     last = samples[members, -period:]
-    left, groups = np.arange(members.size), []
-    while left.size:
-        cycle = last[left[0]]
-        apart = np.full(left.size, np.inf)
+    remaining, groups = np.arange(members.size), []
+    while remaining.size:
+        cycle = last[remaining[0]]
+        apart = np.full(remaining.size, np.inf)
         for shift in range(period):
             turned = np.roll(cycle, shift, axis=0)
-            distance = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            distance = (np.abs(last[remaining] - turned) / scale).max(axis=(1, 2))
             apart = np.minimum(apart, distance)
         same = apart <= SAME_CYCLE
-        groups.append(Group(period, members[left[same]], cycle))
-        left = left[~same]
+        groups.append(Group(period, members[remaining[same]], cycle))
+        remaining = remaining[~same]
     return groups
 
 
-def _joined(cycles, samples, scale, members):
-    """Cycles with late starts added (those close to a cycle at the end), and the remaining
-    starts."""
+def _with_late_starts(cycles, samples, scale, members):
+    """Add starts that reached a cycle late, and return the cycles and the remaining starts."""
     extended = []
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)
@@ -279,8 +284,8 @@ def _joined(cycles, samples, scale, members):
     return extended, members
 
 
-def _wanderers(samples, members):
-    """Starts without a period, by the cells of the section that they fill."""
+def _aperiodic_groups(samples, members):
+    """Group aperiodic starts by the cells of the section that they fill."""
     if not members.size:
         return []
     section = samples[members][:, :, :2]
@@ -288,7 +293,7 @@ def _wanderers(samples, members):
     span = np.where(high > low, high - low, 1.0)
     count = round(CELLS * math.sqrt(section.shape[1]))
     cells = np.minimum(((section - low) / span * count).astype(int), count - 1)
-    # For each group: its filled cells, and these together with the neighbouring ones.
+    # For each group: its filled cells, and the filled cells with their neighbours.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
     for index in range(members.size):
@@ -302,13 +307,13 @@ def _wanderers(samples, members):
             best = len(filled) - 1
         visited = filled[best][0]
         visited[x, v] = True
-        filled[best] = (visited, _beside(visited))
+        filled[best] = (visited, _with_neighbours(visited))
         groups[best].append(index)
-    return [_wandering(samples, members, united) for united in _united(filled, groups)]
+    return [_aperiodic_group(samples, members, united) for united in _merged_groups(filled, groups)]
 
 
-def _united(filled, groups):
-    """Groups, merged if the cells of one mostly belong to another."""
+def _merged_groups(filled, groups):
+    """Merge groups if most cells of one belong to another."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
     separate: list[int] = []
     for k in order:
@@ -322,8 +327,8 @@ def _united(filled, groups):
     return [sorted(groups[k]) for k in separate]
 
 
-def _beside(filled):
-    """Cells that are filled or touch one that is."""
+def _with_neighbours(filled):
+    """Filled cells and their neighbours."""
     near = filled.copy()
     for axis in (0, 1):
         before = near.copy()
@@ -336,8 +341,8 @@ def _beside(filled):
     return near
 
 
-def _wandering(samples, members, places):
-    some = members[np.array(places)]
+def _aperiodic_group(samples, members, indices):
+    some = members[np.array(indices)]
     points = samples[some].reshape(-1, samples.shape[2])
     every = max(1, math.ceil(len(points) / MOST_POINTS))
     return Group(None, some, points[::every])
@@ -345,7 +350,7 @@ def _wandering(samples, members, places):
 
 @dataclass(frozen=True)
 class Divergence:
-    """Largest Lyapunov exponent (1/s) and its error, from the divergence of neighbours."""
+    """Largest Lyapunov exponent (1/s) and its error, from the divergence of neighbouring paths."""
 
     exponent: float
     standard_error: float
@@ -359,19 +364,19 @@ class Divergence:
         return f"{self.exponent:.3g} ± {self.standard_error:.2g}"
 
 
-# The exponent is taken while the distance of two neighbours is below the first number, in units of
-# the motion's size (beyond, growth saturates), and after it has grown by the second factor, when it
-# points in the direction of fastest growth.
+# The exponent is measured while the distance of two neighbours is below the first number, in units
+# of the motion's size, since growth saturates beyond it. Measurement begins when the distance has
+# grown by the second factor and points in the direction of fastest growth.
 LARGEST_DISTANCE, TURNED = 1e-2, 10.0
-# The distance points in that direction after this many periods, even where it has not grown.
+# After this many periods the distance points in that direction even if it has not grown.
 TURNED_PERIODS = 8
 
 
 def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergence | None:
-    """The exponent from pairs of neighbouring starts; None where none could be followed.
+    """The exponent from pairs of neighbouring starts; None if none could be followed.
 
-    `pairs` holds samples of both of each pair, one every forcing period (s); shape
-    (pairs, 2, samples, 3). `scale` has the sizes of the three columns.
+    `pairs` contains samples of both starts of each pair, one per forcing period (s); shape (pairs,
+    2, samples, 3). `scale` has the sizes of the three columns.
     """
     apart = np.sqrt((((pairs[:, 1] - pairs[:, 0]) / scale) ** 2).sum(axis=2))
     growth, lasting = [], []
@@ -387,7 +392,7 @@ def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergenc
         lasting.append((inside.size - 1) * period)
     if len(growth) < 2:
         return None
-    # The growth over the time of all pairs, and its error from how they differ.
+    # The total growth per time of all pairs, and its error from their scatter.
     up, time = np.array(growth), np.array(lasting)
     exponent = up.sum() / time.sum()
     off = up - exponent * time

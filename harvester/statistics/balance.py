@@ -18,7 +18,7 @@ NEGLIGIBLE = 1e-3
 
 
 def energy_balance_residual(moments: Sequence[Moments], parameters: System) -> float:
-    """Energy input that is neither stored, lost nor delivered, as a share of the energy that flows.
+    """Energy input that is not stored, lost or delivered, relative to the energy throughput.
 
     ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
     realizations, divided by the larger of energy input and output (Eq. 33).
@@ -26,7 +26,7 @@ def energy_balance_residual(moments: Sequence[Moments], parameters: System) -> f
     put_in, out, stored = _energies(moments, parameters)
     scale = max(abs(put_in), out)
     if scale == 0.0 and stored == 0.0:
-        # The device is at rest and nothing drives it.
+        # The device is at rest without excitation.
         return 0.0
     return float((put_in - out - stored) / scale) if scale > 0.0 else math.nan
 
@@ -43,7 +43,7 @@ def device_storage(
     if batches is None or abs(stored) <= NEGLIGIBLE * max(abs(put_in), out):
         return {}
     series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
-    # A batch has no energies at its ends. Its stored energy is input less output less residual.
+    # Energies at the ends of batches are unknown: stored energy is input − output − residual.
     residual = (put_in - out - stored) / sum(m.integrals[:, 0].sum() for m in moments)
     change = series["input_power"] - series["load_power"] - series["loss_power"]
     change = change - residual * series["time"]
@@ -52,7 +52,7 @@ def device_storage(
 
 
 def _energies(moments, parameters):
-    """Energy put in, lost and delivered, and stored in the measured time of all realizations."""
+    """Energy input, energy lost and delivered, and energy stored, over all realizations."""
     totals = [m.integrals.sum(axis=0) for m in moments]
     put_in, load, loss = (
         sum(float(total[QUANTITIES.index(f"{name}_power")]) for total in totals)
@@ -62,7 +62,7 @@ def _energies(moments, parameters):
 
 
 def stored_change(moments: Moments, parameters: System) -> float:
-    """Change of ½X'² + U + ½βV² over the measured time of one realization (scaled)."""
+    """Change of ½X'² + U + ½βV² over the measured time of one realization, scaled."""
     last, first = (
         system.stored_energy(parameters, point[1], point[2], point[STATE])
         for point in (moments.last, moments.first)

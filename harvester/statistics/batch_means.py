@@ -1,9 +1,9 @@
 """Standard errors of means and ratios from correlated batches.
 
-Batches in time, pooled over realizations, are joined in pairs until neighbours are nearly
-uncorrelated, and the remaining correlation is added to the variance (Flyvbjerg and Petersen,
-J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method).
-If too few batches are left, there is no error bar.
+Batches in time, pooled over realizations, are merged in pairs until neighbours are nearly
+uncorrelated, and the remaining correlation is added to the variance (Flyvbjerg and Petersen, J.
+Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method). If
+too few batches remain, there is no error bar.
 """
 
 from __future__ import annotations
@@ -19,36 +19,37 @@ from harvester.statistics.estimate import Estimate, why_no_error
 if TYPE_CHECKING:
     from harvester.statistics.moments import Moments
 
-# Fewest batches that give a standard error. It is then good to about 1/√(2·16) = 18 % of itself.
+# Minimum number of batches for a standard error, whose relative error is then 1/√(2·16) = 18 %.
 FEWEST_BATCHES = 16
-# Up to this correlation between neighbouring batches the first-order correction is trusted.
+# The first-order correction is used up to this correlation of neighbouring batches.
 LARGEST_CORRELATION = 0.25
-# Fewest batches that are joined further because neighbours are correlated negatively.
+# Minimum number of batches for merging that is due to negative correlation of neighbours.
 FEWEST_TO_JOIN = 64
-# A standard error of fewer effective batches covers too little: at seven, which ten correlation
-# times give, a mean of squares lies within 1.96 standard errors in 94 % of runs.
+# Minimum effective number of batches. At seven, which correspond to ten correlation times, a mean
+# of squares is within 1.96 standard errors in 94 % of runs.
 FEWEST_EFFECTIVE = 7.0
-# Standard errors are raised by this over the effective batches: few batches estimate their scatter
-# badly, and a mean of squares that is too low comes with too low a scatter. Means of squares of
-# Gaussian noise are then covered in 93 to 96 % from ten correlation times on, 88 to 92 % without.
+# Standard errors are increased by this share over the effective batches. Few batches estimate their
+# scatter poorly, and a low mean of squares comes with a low scatter. From ten correlation times on,
+# intervals then cover means of squares of Gaussian noise in 93 to 96 % of runs, without the
+# increase in 88 to 92 %.
 RAISED = 2.5
-# Neighbours correlated by c become nearly uncorrelated if they are the first over −ln c times as
-# long: of sequences that forget within 3 and 8 batches, 94 and 87 % then have an error bar. A
-# correlation above the second determines no time.
+# Neighbours of correlation c become nearly uncorrelated if batches are the first number over −ln c
+# times as long. For sequences that decorrelate within 3 and 8 batches, 94 and 87 % of runs of the
+# advised length have an error bar. A correlation above the second number determines no time.
 LENGTHS_TO_FORGET, LARGEST_LEFT = 2.5, 0.98
-# Least number of batches, and largest number of groups of the histograms, of all realizations.
+# Minimum number of batches, and maximum number of histogram groups, of all realizations together.
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
-# Fewest batches of each of many realizations: their halves show whether the mean drifts.
-# Realizations under one path without a period have more: their batches are averaged over them
-# before they are joined.
+# Minimum number of batches per realization: the first half shows if the mean drifts. If all
+# realizations have the same aperiodic path, it is larger, since batches are averaged over
+# realizations before they are merged.
 FEWEST_TO_DRIFT, FEWEST_ON_ONE_PATH = 4, 64
-# Fewest knots of the noise in a batch.
+# Minimum number of knots of the noise in a batch.
 KNOTS_PER_BATCH = 8
-# A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
+# A standard error of at most this share of its ratio is round-off, and is set to zero.
 ROUNDING_SHARE = 1e-12
-# A quantity whose batches or standard error deviate by less than this share of it, ten times the
-# tolerance of a circuit's solver, does not follow the motion: a regulator holds it.
+# A quantity whose batches or standard error deviate by less than this share, ten times the
+# tolerance of a circuit solver, is constant: it is regulated and does not follow the motion.
 CONSTANT_SHARE = 1e-5
 # Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
 KNOTS_PER_HISTOGRAM_SAMPLE = 4
@@ -57,8 +58,8 @@ KNOTS_PER_HISTOGRAM_SAMPLE = 4
 def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tuple[int, int]:
     """Batches and histogram groups per realization.
 
-    A batch spans several of a realization's `knots` of the noise. `one_path` is true if all
-    realizations meet the same path, without a period.
+    `knots`: knots of the noise per realization, of which a batch contains several. `one_path`:
+    whether all realizations have the same aperiodic path.
     """
     most = max(1, int(knots / KNOTS_PER_BATCH))
     fewest = FEWEST_ON_ONE_PATH if one_path else FEWEST_TO_DRIFT
@@ -72,17 +73,17 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
     Parameters
     ----------
     series : ndarray, shape (realizations, batches)
-        Equal batches in time; rows are independent of each other.
+        Batches of equal duration; rows are independent of each other.
     memory : float
-        Least correlation time in batches: ∫ of the autocorrelation from 0 on. Short runs do not
-        show their own. It counts for the share of the scatter that neighbours may have in common:
-        little of the ratio of two powers that rise and fall together.
+        Minimum correlation time in batches, ∫ of the autocorrelation from 0 on, since short runs
+        underestimate it. It applies to the share of the scatter that may be common to neighbours.
+        This share is small for the ratio of two powers that rise and fall together.
 
     Returns
     -------
     float or None
-        None if fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated, or if
-        they count as fewer than `FEWEST_EFFECTIVE`.
+        None if fewer than `FEWEST_BATCHES` batches remain before they are uncorrelated, or if their
+        effective number is below `FEWEST_EFFECTIVE`.
     """
     series = np.asarray(series, dtype=float)
     mean, error = series.mean(), None
@@ -100,8 +101,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
                 factor = 1.0 + 2.0 * (max(neighbours, -0.5) + chance)
             variance = min(factor, 1.0) * total / series.size
             error = _raised(variance, series.size / max(factor, 1.0))
-            # Neighbours that cancel their predecessors, as rates of change do, scatter less in
-            # longer batches.
+            # If neighbours are anticorrelated, as rates of change are, longer batches scatter less.
             if neighbours >= -LARGEST_CORRELATION or series.size < FEWEST_TO_JOIN:
                 return error
         series, memory = _joined(series), 0.5 * memory
@@ -111,7 +111,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
 def _implied(memory, batches):
     """Variance of the mean relative to independent batches, and correlation of neighbours.
 
-    For an exponential autocorrelation with this time, in batches.
+    Both follow from an exponential autocorrelation with the time `memory`, in batches.
     """
     if memory <= 0.0 or batches == 1:
         return 1.0, 0.0
@@ -133,47 +133,47 @@ def _scatter(series, mean):
 
 
 def duration_for_error(series: np.ndarray, duration: float, memory: float) -> float:
-    """Duration (s) of each realization that would about give `standard_error` an error bar.
+    """Duration (s) per realization at which `standard_error` would roughly have an error bar.
 
-    `series` is of a run that was too short, of the given `duration` (s); shape (realizations,
-    batches). `memory` is the least correlation time (s).
+    `series`: batches of a run that was too short, shape (realizations, batches); `duration`: its
+    duration (s); `memory`: minimum correlation time (s).
     """
-    left, length, mean = LARGEST_CORRELATION, duration / series.shape[1], series.mean()
+    correlation, length, mean = LARGEST_CORRELATION, duration / series.shape[1], series.mean()
     while series.size >= FEWEST_BATCHES:
-        length, left = duration / series.shape[1], _scatter(series, mean)[1]
-        # Deviations from a short run's own mean are correlated by so much less.
-        left = min(left + (1.0 + 3.0 * left) / series.size, LARGEST_LEFT)
+        length, correlation = duration / series.shape[1], _scatter(series, mean)[1]
+        # Deviations from a short run's mean underestimate the correlation by about this amount.
+        correlation = min(correlation + (1.0 + 3.0 * correlation) / series.size, LARGEST_LEFT)
         series = _joined(series)
-    lengths = LENGTHS_TO_FORGET / -math.log(max(left, LARGEST_CORRELATION))
+    lengths = LENGTHS_TO_FORGET / -math.log(max(correlation, LARGEST_CORRELATION))
     longest = max(FEWEST_BATCHES * lengths * length, FEWEST_EFFECTIVE * memory)
     return 2.0 * longest / len(series)
 
 
 def student_factor(freedom: int) -> float:
-    """Half of Student's 95 % interval over a normal one's, at these degrees of freedom."""
+    """Ratio of Student's 95 % interval for these degrees of freedom to the normal one."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 0.975)) / 1.96
 
 
-def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
-    """Error of a mean under a deterministic excitation, over whole periods of it.
+def deterministic_error(series: np.ndarray, drawn: bool = False) -> float | None:
+    """Error of a mean over whole periods of a deterministic excitation.
 
-    It holds the transient that remains: the change from the first to the second half. If the
-    motion has another period or none, it holds how far batches scatter about that, as if each were
-    by chance. Realizations differ by their starts alone, so that these are errors of their mean.
+    It includes the remaining transient: the change from the first to the second half. For another
+    period or an aperiodic motion it includes the scatter of batches, as if they were random.
+    Realizations differ only by their starts, so these are errors of the mean over realizations.
 
     Parameters
     ----------
     series : ndarray, shape (realizations, batches)
-        Whole periods each.
+        Each batch contains whole periods.
     drawn : bool
-        Whether realizations begin by chance: see `error_of_starts`.
+        Whether starts are drawn randomly: see `error_of_starts`.
 
     Returns
     -------
     float or None
-        None for a single batch, or without a batch.
+        None for a single batch or no batch.
     """
     series = np.asarray(series, dtype=float)
     mean = series.mean(axis=0, keepdims=True)
@@ -181,34 +181,34 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
     middle = mean.size // 2
     if middle == 0:
         return chance if drawn and series.size > 1 else None
-    left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
+    transient = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
     scatter = standard_error(mean)
     if scatter is None:
-        # Two or three batches rarely show how far they scatter.
-        few = student_factor(mean.size - 1)
-        scatter = few * float(mean.std(ddof=1)) / math.sqrt(mean.size)
-    # Realizations that wander without a period scatter about each other by the same chance.
-    return math.hypot(left, max(scatter, chance))
+        # Two or three batches rarely show their full scatter.
+        factor = student_factor(mean.size - 1)
+        scatter = factor * float(mean.std(ddof=1)) / math.sqrt(mean.size)
+    # The scatter among aperiodic realizations has the same random cause, so the larger one counts.
+    return math.hypot(transient, max(scatter, chance))
 
 
 def error_of_starts(series: np.ndarray) -> float:
-    """Standard error of a mean over independently drawn starts; 0 for a single one.
+    """Standard error of a mean over independently drawn starts; 0 for a single start.
 
-    The variance among motions, by the multinomial of their shares, and within each motion: both
-    are that among the starts' own means. `series` has the shape (realizations, batches).
+    The variance among the starts' means contains both parts: the multinomial variance among
+    motions, and the variance within each motion. `series` has the shape (realizations, batches).
     """
     means = np.asarray(series, dtype=float).mean(axis=1)
     return float(means.std(ddof=1)) / math.sqrt(means.size) if means.size > 1 else 0.0
 
 
 def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | None:
-    """Standard error of the mean where the strength of the excitation drifts, as in one record.
+    """Standard error of the mean if the strength of the excitation drifts, as in a single record.
 
-    From the differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)),
-    in which a slow drift cancels: the error of this mean among records that drift alike.
-    Batches are joined until they last `memory` and the correlation ρ between neighbours, which
-    gives their successive differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see
-    `standard_error`. A motion that is as slow as the drift counts as drift.
+    It uses differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)), in
+    which a slow drift cancels: the error of this mean among records with the same drift. Batches
+    are merged until they are as long as `memory` and the correlation ρ between neighbours is small;
+    ρ follows from the correlation (2ρ − 1)/(2 − 2ρ) of successive differences. See
+    `standard_error`. A motion as slow as the drift counts as drift.
     """
     series = np.asarray(series, dtype=float)
     while series.size >= FEWEST_BATCHES and series.shape[1] > 2:
@@ -222,7 +222,7 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
         if memory <= 1.0 and neighbours <= _largest_correlation(expected, series.size):
             if series.size < FEWEST_EFFECTIVE * factor:
                 return None
-            # A correlation from differences scatters √2 times as far as one from deviations.
+            # A correlation from differences has √2 times the standard error of one from deviations.
             share = _share_in_common(neighbours, math.sqrt(2.0 / series.size), expected)
             neighbours = max(neighbours, share * expected, 0.0)
             factor = max(1.0 + 2.0 * neighbours, 1.0 + share * (factor - 1.0))
@@ -232,33 +232,36 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
 
 
 def _share_in_common(neighbours, chance, expected):
-    """Share of the scatter that neighbours may have in common, from their correlation.
+    """Share of the scatter that may be common to neighbours, from their correlation.
 
-    `chance`: standard error of that correlation; `expected`: what it is of all the scatter.
+    `chance`: standard error of that correlation; `expected`: the correlation if all scatter were
+    common.
     """
     return min(max((neighbours + 2.0 * chance) / (expected or 1.0), 0.0), 1.0)
 
 
 def _largest_correlation(expected, size):
-    """The largest correlation of neighbours, for a number of batches, that the factors allow."""
+    """Largest correlation of neighbours at which the correction factors are valid for `size`
+    batches.
+    """
     return max(LARGEST_CORRELATION, expected + 1.0 / math.sqrt(size))
 
 
 def _raised(variance, effective):
-    """Standard error of a mean from its effective number of batches; None if these are few."""
+    """Standard error of a mean for an effective number of batches; None if there are too few."""
     if effective < FEWEST_EFFECTIVE:
         return None
     return math.sqrt(variance / (effective - 1.0)) * (1.0 + RAISED / effective)
 
 
 def _joined(series):
-    """Batches joined in pairs; an odd one in front is dropped."""
+    """Merge batches in pairs; drop the first batch if their number is odd."""
     odd = series.shape[1] % 2
     return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
 
 
 def measured_time(moments: Sequence[Moments]) -> float:
-    """Time that the integrals of all realizations hold (s); 0 before a first whole step."""
+    """Time that the integrals of all realizations cover (s); 0 before the first complete step."""
     return float(sum(realization.integrals[:, 0].sum() for realization in moments))
 
 
@@ -278,14 +281,14 @@ def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:
 def ratio_of_sums(
     upper: np.ndarray, lower: np.ndarray, error_of: Callable = standard_error
 ) -> tuple[float, float | None]:
-    """Ratio of two sums over batches and its standard error (None when too short)."""
+    """Ratio of two sums over batches and its standard error (None if the run is too short)."""
     ratio = float(upper.sum() / lower.sum())
     deviations = (upper - ratio * lower) / lower.mean()
     error = error_of(deviations)
-    # A value that is the same in every batch needs no number of independent ones.
+    # A value that is the same in all batches needs no independent batches.
     if error is None and deviations.size >= FEWEST_BATCHES and constant(ratio, deviations):
         error = float(np.ptp(deviations))
-    # If the ratio is the same in every batch, its scatter is rounding.
+    # If the ratio is the same in all batches, its scatter is round-off.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
 
 
@@ -308,10 +311,10 @@ def ratio_estimate(
     ----------
     upper, lower : ndarray, shape (realizations, batches)
     nothing : str
-        Why there is no ratio where `lower` is 0.
+        Reason for a missing ratio if `lower` is 0.
     squares : ndarray, optional
-        Time integrals of the square of what `upper` integrates over the time `lower`: its variance
-        determines the effective sample size.
+        Time integrals of the square of the quantity whose integral is `upper`, over the time
+        `lower`. Its variance determines the effective sample size.
     error_of : callable
         See `harvester.statistics.run_quantities.estimate_all`.
     """
@@ -325,9 +328,9 @@ def ratio_estimate(
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
-    """Number of independent samples with this mean and mean square that would give this error.
+    """Number of independent samples that would give a mean this standard error.
 
-    None for a constant: its variance is rounding.
+    None for a constant, whose variance is round-off.
     """
     if not error or constant(mean, error):
         return None
@@ -335,5 +338,5 @@ def independent_samples(mean: float, mean_square: float, error: float | None) ->
 
 
 def independent_events(rate: float, error: float | None) -> float | None:
-    """Number of independent events that would give a rate this error."""
+    """Number of independent events that would give a rate this standard error."""
     return (rate / error) ** 2 if error else None

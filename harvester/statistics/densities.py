@@ -18,18 +18,18 @@ def densities(
     balance: WellBalance | None = None,
     drawn: bool = False,
 ) -> dict[str, Density]:
-    """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
+    """Densities of displacement, velocity and voltage by name, in scaled units.
 
     Parameters
     ----------
     symmetric : bool
-        Whether −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each value counts
-        half for its mirror image: a run that spent its time in one well would else give one well's
-        density, with an error bar that ignores the other.
+        Whether −η is as likely as η. Eq. 4 is then invariant under (X, V, η) → (−X, −V, −η), so
+        each sample is also counted at its mirror image. Otherwise a run that stays in one well
+        would give the density of one well, with an error bar that ignores the other.
     balance : WellBalance or None
-        Balance by whose weights the moments are weighted; there are no error bars if it has none.
+        Balance whose weights the moments have; if it has no errors, there are no error bars.
     drawn : bool
-        Whether only the starts are by chance: error bars are then those among realizations.
+        Whether only the starts are random: error bars are then the scatter among realizations.
     """
     result = {}
     for k, name in enumerate(HISTOGRAMS):

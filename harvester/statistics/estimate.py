@@ -17,38 +17,37 @@ from harvester.base.numbers import is_real
 from harvester.base.plain_text import shown
 from harvester.base.serialising import LEFT_OUT, plain
 
-NONE_SEEN = "none seen: no error bar for their rate"
-NOTHING_PUT_IN = "nothing was put in"
+NONE_SEEN = "no event: no error bar for the rate"
+NOTHING_PUT_IN = "no energy input"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 NO_VALUE = "no number: the averaged quantity is not finite at some time of the run"
-# Newton's iterations, after a rectifier in ngspice, resolve this share of an output voltage.
+# A rectifier's output voltage in ngspice is accurate to this share (Newton's iterations).
 RESOLVED_SHARE = 1e-6
 UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
 ROUNDED_OFF = "below the solver's resolution of the load's powers"
-NO_OUTPUT = "no resistor lies across the output, and no measure is one"
+NO_OUTPUT = "the output has no resistor and no measure"
 STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
-# These reasons take precedence over a run that is too short.
+# These reasons take precedence over `TOO_SHORT`.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
-# Formats of a text: fill, alignment and width alone. All others are of the number.
+# Formats of text have fill, alignment and width alone. All others are formats of numbers.
 OF_TEXT = re.compile(r"(.?[<>^])?([1-9]\d*)?s?")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """A mean with its evidence, in scaled units or in units of `dimension`'s scale.
+    """A mean with its evidence, in scaled units or the units of `dimension`.
 
     Attributes
     ----------
-    standard_error : None when the run is too short for one.
+    standard_error : None if the run is too short for it.
     effective_sample_size
-        Independent samples, of a rate independent events, that would give this
-        error; None if the variance of the averaged quantity is not stored: ratios of a load's
-        powers, rates of change.
+        Number of independent samples, or events of a rate, that would give this error. None if the
+        variance of the averaged quantity is not stored: ratios of a load's powers, rates of change.
     dimension : "voltage^2", "power", "1", "rate", …
     note
-        Why there is no error bar; empty otherwise.
+        Reason for a missing error bar; else empty.
     unit
         Unit of the estimate, for printing; empty in scaled units.
     """
@@ -80,14 +79,16 @@ class Estimate:
             raise self._refused(f", format {shown(spec)}: {error}") from None
 
     def __mul__(self, factor: Any) -> Estimate:
-        """The product without a unit, since the factor may convert that."""
+        """Multiply; the product has no unit, since the factor may convert it."""
         return self.times(factor) if is_real(factor) else self._no_result(factor)
 
     def __truediv__(self, divisor: Any) -> Estimate:
         return self * (1.0 / divisor) if is_real(divisor) else self._no_result(divisor)
 
     def __array_ufunc__(self, function: Any, method: str, *values: Any, **options: Any) -> Any:
-        """numpy's functions: its numbers and arrays on the left multiply by one."""
+        """Support numpy numbers and arrays as left operands of a multiplication, reject other
+        functions.
+        """
         if function is not np.multiply or method != "__call__" or values[0] is self:
             raise self._refused(f", numpy.{function.__name__}")
         if not np.ndim(values[0]):
@@ -95,12 +96,13 @@ class Estimate:
         return np.vectorize(self.__mul__, otypes=[object])(values[0])
 
     def _no_result(self, *others: Any) -> Any:
-        """Refuse operations without an error bar: estimates on the same noise are correlated."""
+        """Reject operations without an error bar, as estimates on the same noise are correlated."""
         raise self._refused(f" and {others[0]}" if others else "")
 
     def _refused(self, operation: str) -> HarvesterError:
         return HarvesterError(
-            f"{self}{operation}: an Estimate is multiplied and divided by numbers alone; compute "
+            f"{self}{operation}: an Estimate can only be multiplied and divided by numbers; "
+            "compute "
             "and compare with float(…), or with .estimate and .standard_error (errors on the same "
             "noise are correlated)"
         )
@@ -120,8 +122,7 @@ class Estimate:
         )
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:
-        """Plain values for JSON, with the unit if one is given; nan and missing errors
-        become null."""
+        """Plain values for JSON, with `unit` if given; NaN and missing errors become null."""
         content = {name: getattr(self, name) for name in _IN_JSON}
         if unit is not None:
             content["unit"] = unit
@@ -139,14 +140,14 @@ class Density:
 
 
 def why_no_error(estimate: float, error: float | None) -> str:
-    """Why an estimate has no error bar; empty where it has one."""
+    """Reason for a missing error bar; empty if the estimate has one."""
     if error is not None:
         return ""
     return TOO_SHORT if math.isfinite(estimate) else NO_VALUE
 
 
 def root(square: Estimate) -> Estimate:
-    """RMS value from the mean-square one, with its error."""
+    """RMS value and its error from a mean square."""
     root = math.sqrt(square.estimate)
     error = square.standard_error
     if error is not None:
@@ -157,7 +158,7 @@ def root(square: Estimate) -> Estimate:
 
 
 def with_roots(quantities: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """The quantities, each mean square followed by its root (rms)."""
+    """The quantities; each mean square is followed by its root (rms)."""
     extended: dict[str, Estimate] = {}
     for name, estimate in quantities.items():
         extended[name] = estimate

@@ -1,4 +1,4 @@
-"""Streaming histogram of displacement and velocity together, kept where it is asked for."""
+"""Streaming joint histogram of displacement and velocity, computed on request."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class JointHistogram:
     Attributes
     ----------
     start, interval
-        Begin of the measured time, and time between samples (s).
+        Beginning of the measured time, and time between samples (s).
     counts
         Counts by displacement (rows) and velocity (columns), shape (BINS, BINS).
     bin_widths
-        Powers of two, doubled whenever a value falls outside.
+        Powers of two, doubled if a value is outside all bins.
     latest
         Time, displacement and velocity of the latest point.
     """
@@ -42,14 +42,14 @@ class JointHistogram:
         return cls(start, interval, counts, np.full(2, FINEST_BIN), np.full(3, np.nan))
 
     def add(self, record: Record) -> None:
-        """Sample one chunk that follows the ones before."""
+        """Sample one chunk of a record, in order."""
         points = record.time, record.displacement, record.velocity
         _add_samples(*points, self.latest, self.start, self.interval, self.counts, self.bin_widths)
 
 
 @compiled
 def _add_samples(time, x, v, latest, start, interval, counts, widths):
-    """Count the states at whole multiples of the interval, linear between points."""
+    """Count states at integer multiples of the interval, interpolated linearly between points."""
     half = BINS // 2
     for i in range(time.size):
         begin = latest[0]
@@ -57,8 +57,8 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
             sample = np.floor(begin / interval + 1e-9) + 1.0
             while sample * interval <= time[i] + 1e-9 * interval:
                 share = (sample * interval - begin) / (time[i] - begin)
-                row = _place(latest[1] + share * (x[i] - latest[1]), 0, counts, widths)
-                column = _place(latest[2] + share * (v[i] - latest[2]), 1, counts, widths)
+                row = _bin_of(latest[1] + share * (x[i] - latest[1]), 0, counts, widths)
+                column = _bin_of(latest[2] + share * (v[i] - latest[2]), 1, counts, widths)
                 # The bins of the two axes may have been doubled separately.
                 counts[row + half, column + half] += np.uint32(1)
                 sample += 1.0
@@ -66,8 +66,8 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
 
 
 @compiled
-def _place(value, axis, counts, widths):
-    """Bin of a value from the middle on; bins are doubled until it lies in one."""
+def _bin_of(value, axis, counts, widths):
+    """Bin of a value, counted from the middle; bins are doubled until one contains it."""
     half = BINS // 2
     position = np.floor(value / widths[axis])
     while position >= half or position < -half:
@@ -79,7 +79,7 @@ def _place(value, axis, counts, widths):
 
 @compiled
 def _double(counts):
-    """Merge rows in pairs about the middle, in the array itself."""
+    """Merge rows in pairs about the middle, in place."""
     half = BINS // 2
     for k in range(half // 2):
         counts[half + k] = counts[half + 2 * k] + counts[half + 2 * k + 1]
@@ -89,6 +89,6 @@ def _double(counts):
 
 
 def prepare() -> None:
-    """Load the compiled code, so that it does not count as simulation."""
+    """Load the compiled code, so that its time does not count as simulation time."""
     points = np.array([0.0, 1.0])
     JointHistogram.empty(0.0, 1.0).add(Record(*[points] * len(Record._fields)))

@@ -1,4 +1,4 @@
-"""The density of displacement and velocity together, by simulation or by the stationary solver."""
+"""The joint density of displacement and velocity, by simulation or the stationary solver."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from harvester.statistics.batch_means import FEWEST_BATCHES
 from harvester.statistics.joint import JointHistogram
 
-# Number of bins across the range in which the density is above this share of its peak.
+# Number of bins across the range in which the density exceeds this share of its peak.
 BINS, MATTERS = 90, 1e-3
 
 
@@ -22,11 +22,11 @@ class JointDensity:
     Attributes
     ----------
     displacement, velocity
-        Centres of the bins, or nodes; shapes (n,) and (m,).
+        Bin centres or grid nodes; shapes (n,) and (m,).
     density
         Shape (n, m).
     standard_error
-        Among realizations, shape (n, m); None where there are too few or none.
+        From the scatter among realizations, shape (n, m); None if these are too few, or none.
     """
 
     displacement: np.ndarray
@@ -35,18 +35,19 @@ class JointDensity:
     standard_error: np.ndarray | None
 
     def on(self, other: JointDensity) -> np.ndarray:
-        """This density at the points of another one, linear between its own; 0 beyond."""
+        """This density at the points of another one, interpolated linearly; 0 outside its range."""
         from scipy.interpolate import RegularGridInterpolator
 
-        places = np.meshgrid(other.displacement, other.velocity, indexing="ij")
+        points = np.meshgrid(other.displacement, other.velocity, indexing="ij")
         axes = self.displacement, self.velocity
         within = RegularGridInterpolator(axes, self.density, bounds_error=False, fill_value=0.0)
-        return within(np.stack(places, axis=-1))
+        return within(np.stack(points, axis=-1))
 
     def distance(self, other: JointDensity) -> tuple[float, float]:
-        """∬|p − p'| dX dX' from another density, on the points of this one.
+        """∬|p − p'| dX dX' between this density and another, on the points of this one.
 
-        Also the distance expected by chance from this density's standard errors; nan without them.
+        The second value is the distance expected from this density's standard errors; NaN without
+        them.
         """
         area = np.prod([axis[1] - axis[0] for axis in (self.displacement, self.velocity)])
         apart = float(np.abs(self.density - other.on(self)).sum() * area)
@@ -58,10 +59,10 @@ class JointDensity:
 def joint_density(
     histograms: Sequence[JointHistogram], symmetric: bool = True
 ) -> JointDensity | None:
-    """The density that all realizations have sampled; None without a sample.
+    """The density of all realizations' samples; None without samples.
 
-    `symmetric` is as in `harvester.statistics.densities.densities`: each sample counts half for its
-    mirror image −(X, X').
+    `symmetric` is as in `harvester.statistics.densities.densities`: each sample is also counted at
+    its mirror image −(X, X').
     """
     widths = np.max([histogram.bin_widths for histogram in histograms], axis=0)
     factors = np.array(
@@ -100,13 +101,13 @@ def joint_density(
 
 
 def _bins_to_merge(counts):
-    """Number of bins of one axis to merge, so that about `BINS` cover the relevant density."""
+    """Number of adjacent bins to merge on an axis, so that about `BINS` cover the range."""
     seen = np.flatnonzero(counts > MATTERS * counts.max())
     return max(1, round((seen[-1] - seen[0] + 1) / BINS)) if seen.size else 1
 
 
 def _merged(counts, factors):
-    """Counts with a number of bins of each axis merged, about the middle."""
+    """Merge adjacent bins of each axis, about the middle."""
     for axis in np.flatnonzero(np.array(factors) > 1):
         factor = factors[axis]
         spare = -(counts.shape[axis] // 2) % factor
@@ -116,7 +117,7 @@ def _merged(counts, factors):
 
 
 def _of_one_shape(arrays):
-    """Arrays padded on all sides to the largest of them."""
+    """Pad arrays on all sides to the shape of the largest."""
     largest = np.max([array.shape for array in arrays], axis=0)
     margins = [(largest - array.shape) // 2 for array in arrays]
     return np.stack(

@@ -12,33 +12,33 @@ from harvester.device.cores import core_energies, cores_within
 from harvester.device.record import Record
 from harvester.device.system import System, potential
 
-# Number of displacements at which the potential is tabulated. It is linear between them.
+# Number of displacements at which the potential is tabulated, for linear interpolation.
 TABULATED = 2049
 
 
 @dataclass
 class Jumps:
-    """Time in wells, and number of jumps, of one realization; see `harvester.device.cores`.
+    """Time in each well, and numbers of jumps, in one realization; see `harvester.device.cores`.
 
     Attributes
     ----------
     start, batch_length : as in `harvester.statistics.moments.Moments` (s).
     saddles
-        Their displacements, ascending; wells are counted from the left.
+        Displacements of the saddles, ascending; wells are counted from the left.
     limits
         Largest ½X'² + U(X) in the core of each well, scaled.
     ends
         Displacements between which all cores lie.
     energies
-        U(X) at evenly spaced displacements from the first to the second.
+        U(X) at evenly spaced displacements between `ends`.
     times
-        Time for which each well was the last one reached (s); last, that before `start`; shape
-        (batches + 1, wells).
+        Time for which each well was the last one reached (s); the last row is for the time before
+        `start`; shape (batches + 1, wells).
     counts
-        Jumps from one well (row) to another (column); last, those before `start`; shape
-        (batches + 1, wells, wells).
+        Jumps from one well (row) to another (column); the last entry is for the time before
+        `start`; shape (batches + 1, wells, wells).
     well
-        The last one reached; −1 before the first.
+        The well reached last; −1 before the first.
     time
         Time of the latest point (s).
     """
@@ -77,7 +77,7 @@ class Jumps:
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
 
     def add(self, record: Record) -> None:
-        """Count in one chunk that follows the ones before."""
+        """Count the jumps in one chunk of a record, in order."""
         if record.time.size == 0:
             return
         self.well = add_jumps(
@@ -105,10 +105,10 @@ def add_jumps(
     times: np.ndarray,
     counts: np.ndarray,
 ) -> int:
-    """Add up times and jumps, see `Jumps`; returns the well that was reached last.
+    """Add times and jumps, see `Jumps`; return the well that was reached last.
 
-    `last` is the time of the point before. An interval belongs to the batch of its middle and to
-    the well reached before it.
+    `last`: time of the preceding point. An interval belongs to the batch of its middle and to the
+    well reached before it.
     """
     batches, batch, stop, since = len(times) - 1, -1, -np.inf, last
     left, right = neighbours(saddles, well)
@@ -124,8 +124,8 @@ def add_jumps(
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
-        # The mass is outside the well that it reached last. Is it in the core of the well that lies
-        # here?
+        # The mass is outside the well reached last. Test whether it is in the core of the well at
+        # its position.
         nearest = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
         if energy <= limits[nearest]:
@@ -141,7 +141,7 @@ def add_jumps(
 
 @merged
 def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
-    """U(x) between two displacements from a table over them, linear between its entries."""
+    """Interpolate U(x) linearly in a table over the displacements from `low` to `high`."""
     position = (x - low) / ((high - low) / (energies.size - 1))
     below = int(position)
     return energies[below] + (position - below) * (energies[below + 1] - energies[below])
@@ -149,7 +149,7 @@ def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
 
 @compiled
 def neighbours(saddles: np.ndarray, well: int) -> tuple[float, float]:
-    """The saddles on either side of a well; nothing for none."""
+    """The saddles on either side of a well; an empty interval if `well` is −1."""
     if well < 0:
         return np.inf, -np.inf
     left = saddles[well - 1] if well > 0 else -np.inf

@@ -1,7 +1,7 @@
 """Quantities from a load file's `* measure:` lines: losses of stages, states, events.
 
-Shares are relative to the mechanical input, so that all losses, outputs and stores, with what the
-device itself loses, add up to 1.
+Shares are relative to the mechanical input. The shares of all losses, outputs, stores and the
+device's losses add up to 1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from harvester.statistics.output_moments import MEASURED
 SECONDS_PER_HOUR = 3600.0
 # Up to this number of events, the error of their number assumes independent events.
 FEW_EVENTS = 10
-UNCHANGED = "it never changed: no error bar for the rate of changes"
+UNCHANGED = "the state never changed: no error bar for the rate of changes"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 
@@ -37,10 +37,10 @@ def estimate_measures(
 ) -> dict[str, Estimate]:
     """Quantities of the measures of a load with an output, scaled.
 
-    For a loss `NAME_loss` and `NAME_loss_share`, for an output `NAME_power` and `NAME_power_share`,
-    of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
-    run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
-    `NAME_energy`, each time that it holds. `error_of_change` is for stores.
+    A loss gives `NAME_loss` and `NAME_loss_share`, an output `NAME_power` and `NAME_power_share`, a
+    store `NAME_storage_power`. A state gives `NAME_time_share`, `NAME_first_time` (from the run's
+    beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`. If it takes a power, it also gives
+    the energy per event, `NAME_energy`. `error_of_change` is for stores.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
@@ -64,7 +64,7 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
 
 
 def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
-    """Kind and name of the measures that have no finite value at some time of the run."""
+    """Kind and name of the measures that are not finite at some time of the run."""
     output = moments[0].output if moments else None
     if output is None or complete_batches(moments) is None:
         return []
@@ -110,8 +110,8 @@ def _state(name, series, batches, moments, row, error_of):
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
 
 
-def _taken(name, series, batches, moments, row, error_of):
-    """Energy per event: the power taken during a state, whose own row is the one before this."""
+def _event_energy(name, series, batches, moments, row, error_of):
+    """Energy per event: the power taken during a state, whose row precedes this one."""
     state = measured_series(moments, row - 1)
     if not np.isfinite(state[:, :, INTEGRAL]).all():
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
@@ -125,7 +125,7 @@ _QUANTITIES = {
     LOSS: _power("loss"),
     STORE: _store,
     STATE: _state,
-    TAKEN: _taken,
+    TAKEN: _event_energy,
 }
 
 
@@ -134,7 +134,7 @@ def _time(batches):
 
 
 def _hourly(events, time):
-    """Events per hour; for few events the error assumes that they are independent."""
+    """Events per hour; the error for few events assumes that they are independent."""
     estimate = ratio_estimate(events, time / SECONDS_PER_HOUR, "hourly_rate")
     count, error = float(events.sum()), estimate.standard_error
     if count < FEW_EVENTS:
@@ -151,7 +151,7 @@ def _first(times):
         return Estimate(math.nan, None, None, "time", "never")
     mean = float(np.mean(reached))
     if len(reached) < len(times):
-        note = f"of the {len(reached)} realizations of {len(times)} that got there"
+        note = f"mean over {len(reached)} of {len(times)} realizations that reached the state"
         return Estimate(mean, None, None, "time", note)
     if len(reached) < FEWEST_BATCHES:
         note = f"of {len(reached)} realizations: too few for an error bar"

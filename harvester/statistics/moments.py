@@ -1,6 +1,6 @@
 """Streaming accumulation of a record: batch integrals, histograms, first and last point.
 
-One `Moments` per realization, of fixed size whatever the run's length.
+There is one `Moments` per realization, whose size is independent of the run's length.
 `harvester.statistics.run_quantities` turns several of them into means with error bars.
 """
 
@@ -18,7 +18,7 @@ from harvester.statistics.jumps import Jumps
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.strain_moments import StrainMoments
 
-# Rows of `Moments.integrals`: time integrals of these quantities, and the numbers of two events.
+# Rows of `Moments.integrals`: time integrals of these quantities, and counts of two events.
 QUANTITIES = (
     "time",
     "square_voltage",
@@ -31,10 +31,9 @@ QUANTITIES = (
     "impacts",
     "transducer_loss",
 )
-# The rows after them are the times in each well, from the left, if the wells are not mirror
-# images.
+# If the wells are not mirror images, further rows are the times in each well, from the left.
 WELLS = len(QUANTITIES)
-# Rows of `Moments.products`: time integrals of products, for variances within a run.
+# Rows of `Moments.products`: time integrals of products, for variances in a run.
 PRODUCTS = {
     ("square_voltage", "square_voltage"): 0,
     ("square_displacement", "square_displacement"): 1,
@@ -52,47 +51,47 @@ FINEST_BIN = 2.0**-40
 
 @dataclass
 class Moments:
-    """Sums, histograms and end points that are kept of one realization's record.
+    """Sums, histograms and end points of one realization's record.
 
     Attributes
     ----------
     start, batch_length
-        Beginning of the first batch and length of each (s).
+        Beginning of the first batch, and duration of each batch (s).
     free
-        Displacements between which no contact acts, to count impacts.
+        Displacements between which there is no contact, to count impacts.
     saddles
-        Displacements that part the wells, ascending, to count crossings.
+        Displacements of the saddles between wells, ascending, to count crossings.
     integrals
         Shape (batches, len(QUANTITIES) or more).
     products
         Shape (len(PRODUCTS),).
     histograms
-        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0;
-        shape (groups, 3, BINS).
+        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0; shape
+        (groups, 3, BINS).
     sample_interval
-        Time between the histograms' samples (s), which are taken at regular times:
-        an engine's own points crowd where contact begins.
+        Time between the histograms' samples (s), which are evenly spaced, since an engine's points
+        are denser at contacts.
     bin_widths
-        Powers of two, doubled whenever a value falls outside.
+        Powers of two, doubled if a value is outside all bins.
     first, last
-        The first measured and the latest point, in `Record`'s order.
+        The first measured point and the latest one, in `Record`'s order.
     points
-        Accepted points, those before `start` included.
+        Number of accepted points, including those before `start`.
     output
-        Moments of the load's output side and of its stores, if it has them.
+        Moments of the load's output and stores, if there are any.
     jumps
-        Between wells, where there are several.
+        Jumps between wells, if there are several.
     strain
         Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
     step
-        Longest step (s), where the run chose it; None: the engine's.
+        Longest step (s), if the run chose it; None: the engine's step.
     step_error
-        Relative change of the energies from a run with steps twice as long, if made.
+        Relative change of the energies in a run with twice the step, if one was made.
     note
-        Changes that made the run converge, or open questions; may be empty.
+        Changes that made the run converge, or unresolved problems; may be empty.
     spread
-        Relative standard error of the energies among runs whose excitation differs by what the
-        steps may cost, of one nonlinear device under one record; 0 where none were made.
+        For a nonlinear device under one record: relative standard error of the energies among runs
+        whose excitations differ by the step error; 0 if there are no such runs.
     """
 
     start: float
@@ -155,11 +154,11 @@ class Moments:
 
     @property
     def time_reached(self) -> float:
-        """Time of the latest point (s); nan before the first."""
+        """Time of the latest point (s); NaN before the first point."""
         return float(self.last[0])
 
     def add(self, record: Record) -> None:
-        """Accumulate one chunk that follows the ones before."""
+        """Accumulate one chunk of a record, in order."""
         if record.time.size == 0:
             return
         self.points += record.time.size
@@ -172,7 +171,7 @@ class Moments:
 
 
 def prepare() -> None:
-    """Load the compiled code, so that it does not count as simulation."""
+    """Load the compiled code, so that its time does not count as simulation time."""
     points = np.zeros(2)
     moments = Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0)
     nothing, ones = np.zeros(1), np.ones((2, 2))
@@ -200,7 +199,7 @@ def add_points(
     first: np.ndarray,
     last: np.ndarray,
 ) -> None:
-    """Accumulate one chunk that follows the ones before; see `Moments` for the rest."""
+    """Accumulate one chunk of a record, in order; for the parameters see `Moments`."""
     count, before = record.time.size, last.copy()
     begin = np.int64(0)
     copy_point(record, count - 1, last)
@@ -223,9 +222,9 @@ def add_points(
 
 @summing
 def _add_integrals(before, record, start, batch_length, low, high, saddles, integrals, products):
-    """Trapezoidal integrals of every interval; each belongs to the batch of its middle.
+    """Add trapezoidal integrals of every interval to the batch of its middle.
 
-    `before` is the point in front of the record's first.
+    `before` is the point that precedes the record.
     """
     batches, time = integrals.shape[0], record.time
     final, begin = time.size - 1, -1
@@ -249,7 +248,7 @@ def _add_integrals(before, record, start, batch_length, low, high, saddles, inte
 
 @summing
 def _count_events(before, x, low, high, saddles, integrals):
-    """Add the crossings of saddles and the impacts on the way through displacements."""
+    """Count crossings of saddles, and impacts as entries into a contact."""
     impacts = np.int64(((x[0] > high) | (x[0] < low)) & (low <= before) & (before <= high))
     for i in range(1, x.size):
         outside = (x[i] > high) | (x[i] < low)
@@ -267,7 +266,7 @@ def _count_events(before, x, low, high, saddles, integrals):
 def _add_stretch(before, record, begin, end, saddles, integrals, products):
     """Add the intervals between two points to one batch's integrals and to the products."""
     time = record.time
-    # The weight of a point is half of both intervals that meet at it.
+    # The weight of a point is half the sum of the two adjacent intervals.
     weights = np.empty(end - begin + 1)
     previous = before[0] if begin < 0 else time[begin]
     weights[0] = weights[-1] = 0.5 * (time[begin + 1] - previous)
@@ -290,7 +289,7 @@ def _add_stretch(before, record, begin, end, saddles, integrals, products):
 
 @summing
 def _sum_points(record, weights, saddles, integrals, products):
-    """Add points with their weights to one batch's integrals and to the products."""
+    """Add weighted points to one batch's integrals and to the products."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
     p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0
     for i in range(weights.size):
@@ -327,7 +326,7 @@ def _sum_points(record, weights, saddles, integrals, products):
 
 @uncounted
 def _add_samples(before, record, start, group_length, interval, histograms, widths):
-    """Count samples at whole multiples of the interval, linear between points."""
+    """Count samples at integer multiples of the interval, interpolated linearly between points."""
     groups = histograms.shape[0]
     time, columns = record.time, (record.displacement, record.velocity, record.voltage)
     sample = np.floor(before[0] / interval + 1e-9) + 1.0
@@ -350,11 +349,11 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
 def count_sample(
     histograms: np.ndarray, widths: np.ndarray, group: int, k: int, value: float
 ) -> None:
-    """Count a sample of the k-th of `HISTOGRAMS`, in bins wide enough for it; see `Moments`."""
+    """Count a sample in the k-th of `HISTOGRAMS`, widening its bins if necessary; see `Moments`."""
     half = BINS // 2
     into = np.floor(value / widths[k])
     while into >= half or into < -half:
-        # No group after this one has a sample yet.
+        # Groups after this one have no samples yet.
         _double_bins(histograms, group, k)
         widths[k] *= 2.0
         into = np.floor(value / widths[k])
@@ -363,7 +362,7 @@ def count_sample(
 
 @uncounted
 def _double_bins(histograms, last, k):
-    """Merge bins of the k-th histogram in pairs about the centre, of all groups up to the last."""
+    """Merge bins of the k-th histogram in pairs about the centre, in all groups up to `last`."""
     half = BINS // 2
     for group in range(last + 1):
         row = histograms[group, k]

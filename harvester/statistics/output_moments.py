@@ -1,4 +1,4 @@
-"""Streaming moments of a load's output side, in the batches of `harvester.statistics.moments`."""
+"""Streaming moments of a load's output, in the batches of `harvester.statistics.moments`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from harvester.base.compilation import compiled, summing
 QUANTITIES = (
     "time", "voltage", "square_voltage", "fourth_power_of_voltage", "square_deviation",
 )  # fmt: skip
-# Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
-# integral of the square.
+# Last axis of `OutputMoments.measured`: time integral, change, numbers of rises above 0 and falls
+# to 0, time integral of the square.
 MEASURED = ("integral", "change", "rises", "falls", "square")
-# The first passage of the output voltage is kept for levels from 2^-40 to 2^40 scaled volts, so
-# many for each doubling.
+# First-passage times of the output voltage are stored for levels from 2^-40 to 2^40 scaled volts,
+# with this number of levels per doubling.
 LEVELS_PER_DOUBLING = 32
 DOUBLINGS = 40
 LEVELS = np.exp2(
@@ -29,7 +29,7 @@ LEVELS = np.exp2(
 
 @dataclass
 class OutputMoments:
-    """Sums and passages that are kept of one realization's output voltage; scaled units.
+    """Sums and first-passage times of one realization's output voltage, in scaled units.
 
     Attributes
     ----------
@@ -39,28 +39,28 @@ class OutputMoments:
     rows
         Kind and name of each measure of the load, then of each level.
     measured
-        Powers, energies and conditions, scaled; levels in V and A, without rises and falls;
-        shape (batches, len(rows), len(MEASURED)).
+        Scaled powers, energies and conditions; levels in V and A, without rises and falls; shape
+        (batches, len(rows), len(MEASURED)).
     stored
         Energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
     first
-        Time at which each measure was first above 0, settling included (s); NaN: never, or a level.
+        Time at which each measure first exceeded 0, including settling (s); NaN: never, or a level.
     latest
         Values of these rows at the latest point.
     passages
-        Time at which |voltage| first reached each of LEVELS, as `first`; NaN: never.
+        Time at which |voltage| first reached each of LEVELS, including settling (s); NaN: never.
     lowest, highest
         Extremes of the voltage in the measured time.
     reference
-        The voltage when the measured time begins, from which the deviations in `integrals` are
-        counted: the integrals of a steady voltage would be lost in the rounding of its squares.
+        Voltage at the beginning of the measured time. `integrals` contains deviations from it,
+        since the ripple of a steady voltage would be lost in the round-off of its square.
     conductance
-        Sum over the resistors across the output, scaled: power is conductance voltage². nan before
+        Sum over the resistors across the output, scaled: power is conductance voltage². NaN before
         the run's end.
     time, voltage, energy
         Values at the latest point.
     has_output
-        Whether the load has an output; else its levels alone are meant.
+        Whether the load has an output; otherwise only its levels are recorded.
     """
 
     start: float
@@ -107,15 +107,15 @@ class OutputMoments:
         levels: Sequence[np.ndarray | None] = (),
         energy: np.ndarray | None = None,
     ) -> None:
-        """Accumulate consecutive points that follow the ones before.
+        """Accumulate consecutive points, in order.
 
         Parameters
         ----------
         time, voltage : ndarray, shape (n,)
         values : ndarray, shape (measures, n), or None
-            Values of the load's measures, where it has any.
+            Values of the load's measures, if there are any.
         levels : sequence of ndarray, shape (n,), or None
-            Values of the rows after the measures (V and A); None is 0.
+            Values of the rows after the measures (V and A); None means 0.
         energy : ndarray, shape (n, n), or None
             Energy stored in the load (scaled), as a quadratic form of the first n levels.
         """
@@ -123,7 +123,7 @@ class OutputMoments:
             return
         spans = _spans(time, self.time, self.start, self.batch_length, len(self.integrals))
         if energy is not None and energy.any():
-            # Most of the form is 0, so that a sum of its terms is faster than matrix products.
+            # Most terms are 0, so that summing the others is faster than matrix products.
             terms = ((energy[i, j], levels[i], levels[j]) for i, j in np.argwhere(energy))
             held = np.zeros_like(time)
             for factor, one, other in terms:
@@ -159,7 +159,7 @@ class OutputMoments:
                 self.latest[row] = values[-1]
 
     def passage(self, voltage: float) -> float:
-        """Time (s) at which the output's |voltage| first reached a value; nan if it never did."""
+        """Time (s) at which the output's |voltage| first reached a value; NaN if never."""
         reached = np.isfinite(self.passages)
         if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:
             return float("nan")
@@ -168,7 +168,7 @@ class OutputMoments:
 
 @compiled
 def _add_passages(time, voltage, levels, reached, passages):
-    """Record when |voltage| first reached each level, from the given one on."""
+    """Record when |voltage| first reached each level, from level number `reached` on."""
     for i in range(time.size):
         while reached < levels.size and abs(voltage[i]) >= levels[reached]:
             passages[reached] = time[i]
@@ -177,7 +177,7 @@ def _add_passages(time, voltage, levels, reached, passages):
 
 @compiled
 def _add_measured(time, values, before, latest, start, batch_length, measured, first):
-    """Trapezoidal integrals, changes and steps of every measured interval, and first times."""
+    """Add integrals, changes and counts of every measured interval, and first times."""
     batches = measured.shape[0]
     for i in range(time.size):
         counts = before >= start
@@ -208,9 +208,9 @@ def _batch_of(before, after, start, batch_length, batches):
 
 @compiled
 def _spans(time, before, start, batch_length, batches):
-    """The measured intervals by their batches: the first, the one after the last, and the batch.
+    """Measured intervals by batch: first interval, end (exclusive), and number of the batch.
 
-    An interval bears the number of the point at its end.
+    An interval has the number of the point at its end.
     """
     begin, count, filled = 0, time.size, 0
     if not before >= start:
@@ -251,9 +251,8 @@ def _add_integrals(spans, time, voltage, before, latest, reference, integrals):
 
 @compiled
 def _add_level(spans, time, values, before, latest, measured):
-    """Add every measured interval of a level to its batch, as `_add_measured` does.
-
-    Point by point, levels took a twelfth of a run of a bridge and a seventh of one of SECE.
+    """Add every measured interval of a level to its batch, like `_add_measured`.
+    Adding single points took a twelfth of the time of a run with a bridge, a seventh with SECE.
     """
     for k in range(spans.shape[0]):
         begin, end, batch = spans[k]
@@ -268,7 +267,7 @@ def _add_level(spans, time, values, before, latest, measured):
 
 @summing
 def _integrals(time, values, ahead, last):
-    """Trapezoidal integrals of values, their square and fourth power, from a point ahead on."""
+    """Trapezoidal integrals of values, their squares and fourth powers, from the point `ahead`."""
     step, square, old = 0.5 * (time[0] - ahead), values[0] * values[0], last * last
     integral, squares = step * (values[0] + last), step * (square + old)
     fourths = step * (square * square + old * old)

@@ -1,4 +1,4 @@
-"""Quantities of a load's output side, with error bars as `statistics.run_quantities` has them."""
+"""Quantities of a load's output, with error bars as in `statistics.run_quantities`."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ from harvester.statistics.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES
 from harvester.statistics.passivity import SUPPLIED
 
-# The output counts as started once its voltage has reached this share of the final mean voltage.
+# The output has started when its voltage first reaches this share of the final mean voltage.
 STARTED_SHARE = 0.9
-# Power that the output takes, if sources of the load supply a part of it.
+# Power taken by the output, if the load's sources supply a part of it.
 USED = "mean_power_used_at_output"
-# Stretches of the measured time whose mean voltages are in order if the output ramps.
+# An output ramps if the mean voltages of this many parts of the measured time are monotonic.
 RAMP_STRETCHES = 8
-ONE_VALUE_NOTE = "one value a realization: no error bar"
-# A source of the load that delivers a smaller share of the harvested power is kept in it: the steps
-# may cost as much.
+ONE_VALUE_NOTE = "one value per realization: no error bar"
+# A source of the load that delivers a smaller share of the harvested power is not reported
+# separately, since the steps may cost as much.
 LEAST_SUPPLY = 1e-3
-# Below this share of the load's power nothing arrives. At 1e-8 the engines still agree to 12 %.
+# Below this share of the load's power, the output is zero. At 1e-8 the engines still agree to 12 %.
 LEAST_SHARE = 1e-9
 # Stores charge unevenly if the rates of the run's halves differ by more than this share of their
-# mean, and by this number of its standard errors: three of the difference.
+# mean, and by this number of its standard errors (three of the difference).
 UNEVEN_SHARE, UNEVEN_SIGMAS = 0.2, 6.0
-# Quantities that are a ratio of two sums over batches, with their dimensions.
+# Quantities that are ratios of two sums over batches, with their dimensions.
 RATIOS = {
     "mean_output_power": "power",
     "mean_storage_power": "power",
@@ -73,15 +73,15 @@ def estimate_output(
     error_of: Callable = standard_error,
     error_of_change: Callable | None = None,
 ) -> dict[str, Estimate]:
-    """Quantities of the load's output side, scaled; empty without an output.
+    """Quantities of the load's output, scaled; empty without an output.
 
-    The output's power is dissipated in its resistors, or measured as an output by the load's file.
-    `mean_output_power` is that power less what the load's sources deliver, `supplied_by_NAME` each;
-    if there are any, `mean_power_used_at_output` is given too. The harvested power is the output
-    power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
-    power leaving the piezo, `end_to_end_efficiency` its share of the mechanical input. The
-    quantities of `estimate_measures` are included. `error_of_change` is for the rates at which
-    stores fill, by default `error_of`.
+    The output power is dissipated in the output's resistors, or measured by the load's file.
+    `mean_output_power` is this power less the power from the load's sources (`supplied_by_NAME`);
+    if there are sources, `mean_power_used_at_output` is also given. The harvested power is the
+    output power and the power into capacitors, coils and batteries. `converter_efficiency` is its
+    ratio to the power leaving the piezo, `end_to_end_efficiency` its ratio to the mechanical input.
+    The quantities of `estimate_measures` are included. `error_of_change` is for the charging rates
+    of stores, by default `error_of`.
     """
     error_of_change = error_of_change or error_of
     batches = complete_batches(moments)
@@ -98,8 +98,8 @@ def estimate_output(
         )
     for name, energy in sources.items():
         estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
-    # The final mean is taken over the last half of the measured time. The load starts discharged,
-    # so that its start-up counts from the realization's beginning, settling included.
+    # The final mean is over the second half of the measured time. The load starts discharged, so
+    # start-up is counted from the realization's beginning, including settling.
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
@@ -127,7 +127,7 @@ def estimate_output(
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
     storage = estimates["mean_storage_power"]
-    # The error of an hour includes the error of its path; the measured time has this path.
+    # The energy per hour is a forecast, so its error includes that of the path.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
@@ -136,7 +136,7 @@ def estimate_output(
 
 
 def _least_resolved(used, sources, load_energy, stored):
-    """By quantity, the energy below which a difference or a share of energies is rounding."""
+    """Energies, by quantity, below which a difference or a ratio of energies is round-off."""
     load_energy, stored = abs(float(load_energy.sum())), abs(float(stored.sum()))
     exchanged = sum(abs(float(part.sum())) for part in (used, *sources.values()))
     sums = {
@@ -151,7 +151,7 @@ def _least_resolved(used, sources, load_energy, stored):
 
 
 def _resolved(estimate, upper, lower, least):
-    """A ratio of energies; 0 where `upper` and its error are below the least resolved energy."""
+    """A ratio of energies; 0 if `upper` and its error are below the resolution `least`."""
     error = estimate.standard_error or 0.0
     if least > 0.0 and abs(upper.sum()) <= least and error * abs(lower.sum()) <= least:
         return Estimate(0.0, None, None, estimate.dimension, ROUNDED_OFF)
@@ -159,7 +159,7 @@ def _resolved(estimate, upper, lower, least):
 
 
 def _per_hour(storage, stored, time):
-    """Energy stored in an hour; none where the two halves of the run store at different rates."""
+    """Energy stored per hour; NaN if the two halves of the run store at different rates."""
     half = time.shape[1] // 2
     early, late = (
         float(stored[:, part].sum() / time[:, part].sum()) if half else storage.estimate
@@ -171,23 +171,23 @@ def _per_hour(storage, stored, time):
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
-            f"stores charge unevenly: their power changes by {change:.0%} of the larger between "
-            f"the halves of the measured {length:.3g} s, so that an hour is not like these"
+            f"stores charge unevenly: their power changes by {change:.0%} of the larger one "
+            f"between the halves of the measured {length:.3g} s, so an hour cannot be extrapolated"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
     return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
 
 
 def _stored_energies(moments, time, error_of):
-    """Mean and final energy of the load's stores; empty without any.
+    """Mean and final energy of the load's stores; empty without stores.
 
-    A battery counts with its charge since the start of the measured time.
+    A battery's energy is its charge since the start of the measured time.
     """
     series = np.stack([m.output.stored[: time.shape[1]] for m in moments])
     charged = _taken_by_batteries(moments, time)
     if not series[:, :, INTEGRAL].any() and not charged.any():
         return {}
-    # Within a batch half of a battery's charge has arrived on average.
+    # During a batch, on average half of a battery's charge has arrived.
     energy = series[:, :, INTEGRAL] + (np.cumsum(charged, axis=1) - 0.5 * charged) * time
     squares = None if charged.any() else series[:, :, SQUARE]
     final = [m.output.energy + into.sum() for m, into in zip(moments, charged, strict=True)]
@@ -198,15 +198,16 @@ def _stored_energies(moments, time, error_of):
 
 
 def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> dict[str, float]:
-    """Sizes of the powers of which these quantities are differences; empty without an output.
+    """Sizes of the powers whose differences these quantities are; empty without an output.
 
-    Steps change each power by a share of itself, and a small difference of large powers by as much.
+    The step error of each power is a share of it, and a small difference of large powers has an
+    error of the same size.
 
     Parameters
     ----------
     estimates : dict of str to Estimate
     measures : sequence of circuits.netlist.measures.Measure
-        A loss whose expression is a difference counts as one of the size of the load's power.
+        A loss whose expression is a difference has the size of the load's power.
     """
     if "mean_converter_loss" not in estimates:
         return {}
@@ -233,7 +234,7 @@ def output_ratios(moments: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ndar
     """Numerator and denominator of each of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
-        raise ValueError("moments without a whole batch have no ratio")
+        raise ValueError("moments without a complete batch have no ratio")
     series = {quantity: batches[:, :, row] for row, quantity in enumerate(PIEZO_QUANTITIES)}
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     output = _output_series(moments, batches)
@@ -251,7 +252,7 @@ def output_ratios(moments: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ndar
 
 
 def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
-    """Energy that sources of the load deliver, batch by batch: (realizations, batches) by name."""
+    """Energy delivered by the load's sources in each batch: (realizations, batches) by name."""
     batches = complete_batches(moments)
     if batches is None:
         return {}
@@ -265,7 +266,7 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
 
 
 def taken_by_sources(moments: Sequence[Any]) -> dict[str, float]:
-    """Mean power (scaled) that each source of the load takes, by name; none that delivers."""
+    """Mean power (scaled) taken by each source of the load that takes power, by name."""
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
         return {}
@@ -281,7 +282,7 @@ def _sources(moments):
 
 
 def _used_and_stored(moments, output):
-    """Energy delivered to the outputs, sources' energy included, and energy stored."""
+    """Energy delivered to the outputs, including that of sources, and energy stored."""
     consumed = moments[0].output.conductance * output["square_voltage"]
     stored = np.stack([m.output.stored[: consumed.shape[1], CHANGE] for m in moments])
     consumed = consumed + sum(series for kind, _, series in _sources(moments) if kind == OUTPUT)
@@ -289,7 +290,7 @@ def _used_and_stored(moments, output):
 
 
 def _taken_by_batteries(moments, like):
-    """Energy that batteries store, batch by batch; 0 of those that deliver."""
+    """Energy that batteries store in each batch; 0 for batteries that deliver."""
     charged = np.zeros_like(like)
     for kind, _, series in _sources(moments):
         if kind == BATTERY and series.sum() > 0.0:
@@ -298,9 +299,9 @@ def _taken_by_batteries(moments, like):
 
 
 def _squares(moments, output):
-    """Time integrals of squares for output voltage and output power, for their sample sizes.
+    """Time integrals of squares of output voltage and output power, for effective sample sizes.
 
-    The output's power is a sum where a load has several, of which only the parts' squares are kept.
+    The output power is omitted if it is a sum, since only squares of its parts are stored.
     """
     conductance = moments[0].output.conductance
     measured = [row for row, (kind, _) in enumerate(moments[0].output.rows) if kind == OUTPUT]
@@ -320,7 +321,7 @@ def _ripple(moments, output, time, error_of):
     """RMS of the voltage about its mean over the measured time (delta method)."""
     reference = np.array([[m.output.reference] for m in moments])
     off = float(output["voltage"].sum() / time.sum()) - reference
-    # ⟨(v − mean)²⟩ in each batch. To first order the error of the mean has no effect on it.
+    # ⟨(v − mean)²⟩ in each batch. To first order it does not depend on the error of the mean.
     deviation = output["voltage"] - reference * time
     spread = output["square_deviation"] - 2.0 * off * deviation + off**2 * time
     variance, error = ratio_of_sums(spread, time, error_of)
@@ -332,7 +333,7 @@ def _ripple(moments, output, time, error_of):
 
 def _start_up(times, moments, final):
     """Start-up time of the output, with a note if it has not started by the end of the run."""
-    # An output that starts within a knot of the excitation is not started by harvested energy.
+    # An output that starts within one knot spacing is not started by harvested energy.
     knot = moments[0].sample_interval / KNOTS_PER_HISTOGRAM_SAMPLE
     if all(time <= knot for time in times):
         return Estimate(0.0, None, None, "time", STARTS_CHARGED)
@@ -346,10 +347,10 @@ def _start_up(times, moments, final):
 
 
 def output_ramp(moments: Sequence[Any]) -> tuple[float, float] | None:
-    """First and last voltage of an output that ramps throughout the measured time; None of others.
+    """First and last voltage of an output that ramps throughout the measured time; else None.
 
-    They are the means of the first and the last of eight stretches, whose means are in order. By
-    chance they are in one run of 20 000.
+    They are the means of the first and the last of eight parts, whose means are monotonic. By
+    chance this occurs in one of 20 000 runs.
     """
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < RAMP_STRETCHES or not moments[0].has_output:

@@ -14,27 +14,27 @@ from harvester.statistics.output_side import RATIOS, output_ratios
 from harvester.statistics.run_quantities import MEANS
 from harvester.statistics.well_balance import weighted, well_balance
 
-# Two paths go through the same wells if no batch's share of time in one differs by more than this:
-# jumps that two engines make at the same time end up so close, others differ by most of a batch.
+# Two paths visit the same wells if no batch's share of time differs by more than this. Jumps at the
+# same time differ by less in two engines, others by most of a batch.
 SAME_WELLS = 0.01
 EFFICIENCY = "power_conversion_efficiency"
-# Quantities that are ratios of sums over batches, which `deviations` takes.
+# Quantities that are ratios of sums over batches, for which `deviations` is defined.
 WITH_DEVIATIONS = (*MEANS, *RATIOS, EFFICIENCY)
 
 
 def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
-    Batch by batch the common noise cancels as far as the two follow the same path, so that the
-    error is often far below the error of either mean. If paths part, nothing cancels and the error
-    equals that for independent means: it is the scatter of the difference itself. If wells differ,
-    the means are those that the rates of jumps keep in balance, and the error holds the rates'.
+    The common noise cancels in each batch as long as the two paths agree, so that the error is
+    often far below the error of either mean. If paths diverge, nothing cancels and the error equals
+    that of independent means, since it is the scatter of the difference itself. If wells differ,
+    means are balanced by the jump rates, and the error includes that of the rates.
 
     Parameters
     ----------
     result, reference : harvester.results.result.Result or harvester.engines.request.Answer
-        Each with its scene and moments; of the same scene, or of scenes with the same seed, knots
-        and length of run.
+        Results with scene and moments; of the same scene, or of scenes with the same seed, knots
+        and duration.
 
     Returns
     -------
@@ -73,10 +73,10 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
 
 def _error(ratio, pairs, balances):
-    """Standard error of the ratio of two estimates, including the jumps' part of each.
+    """Standard error of the ratio of two estimates, including the jumps' contribution to each.
 
-    Each is a ratio of sums over batches, linearised. Where both went through the same wells in
-    every batch, the jumps' part is common to both.
+    Both are linearised ratios of sums over batches. If both paths visited the same wells in every
+    batch, they share the contribution of the jumps.
     """
     shares = [upper / upper.mean() - lower / lower.mean() for upper, lower in pairs]
     ours, theirs = balances
@@ -92,23 +92,23 @@ def _error(ratio, pairs, balances):
 def deviations(moments: Sequence[Moments], name: str) -> Any:
     """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
-    Combinations of several results on common noise get their error from the same combination of
-    these: its `standard_error` accounts for the noise that the results share. The mean is 0, the
-    unit the estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
+    The error of a combination of results on common noise is the `standard_error` of the same
+    combination of deviations, which accounts for the common noise. The mean is 0, the unit the
+    estimate's scaled one; `name` is one of `WITH_DEVIATIONS`.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
 
 
 def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
-    """The sums over batches that a quantity is the ratio of; see `deviations`."""
+    """Numerator and denominator of a quantity as sums over batches; see `deviations`."""
     if name in RATIOS:
         return output_ratios(moments)[name]
     return _of_batches(complete_batches(moments), name)
 
 
 def _of_batches(batches, name):
-    """The two sums of complete batches that a mean, or the efficiency (Eq. 35), is the ratio of."""
+    """Numerator and denominator of a mean or the efficiency (Eq. 35), from complete batches."""
     column = {quantity: batches[:, :, k] for k, quantity in enumerate(QUANTITIES)}
     if name == EFFICIENCY:
         return column["load_power"], column["load_power"] + column["loss_power"]

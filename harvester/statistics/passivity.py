@@ -1,4 +1,4 @@
-"""Whether a load delivers more energy than it takes; notes on efficiencies that are invalid."""
+"""Detect loads that deliver more energy than they take; notes on invalid efficiencies."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from circuits.netlist.supplies import unbooked
 from harvester.base.formatting import quantity
 from harvester.statistics.estimate import Estimate
 
-# Beginning of the names of quantities for the power from a source of the load.
+# Prefix of the names of powers from a load's sources.
 SUPPLIED = "supplied_by_"
-# If a load gives out more than it takes, by less than this share of its power, the steps may be the
-# cause.
+# If a load delivers more than it takes, by less than this share of its power, the step error may be
+# the cause.
 SMALL_EXCESS = 0.01
-# Below this share the steps are the cause: a load that loses hardly anything has such an error of
-# either sign.
+# Below this share the step error is the cause: a nearly lossless load has such an error of either
+# sign.
 STEPS_OWN_EXCESS = 5e-4
-# If the output power is below this share of the input power, its step error may reach per cents,
-# since steps are controlled by the transducer's energy. Among 300 random loads at `fine` the
-# engines differed by 1 to 12 % in four, with shares of 1e-8 to 4e-6, and by less in all with shares
+# If the output power is below this share of the input power, its step error may reach a few per
+# cent, since steps are controlled by the transducer's energy. Among 300 random loads at `fine`, the
+# engines differed by 1 to 12 % in four with shares of 1e-8 to 4e-6, and by less in all with shares
 # above 6e-5.
 FAINT_OUTPUT = 1e-5
 
 # Stores feed an output if they deliver more than the first share of its power and more than one
-# standard error. A store that discharges once has too large an error bar: above the second share
-# the error is ignored.
+# standard error. The error bar of a store that discharges once is too large, so the error is
+# ignored above the second share.
 DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
 
 
 def fed_by_stores(estimates: dict[str, Estimate]) -> str:
-    """Sentence on the share of output power from the load's stores; empty if there is none.
+    """Text on the share of output power from the load's stores; empty if there is none.
 
-    Capacitors whose value is an expression are not followed. An output that takes more than leaves
-    the device shows them.
+    Capacitors whose value is an expression are not monitored. They are detected if an output takes
+    more than the device delivers.
     """
     names = ("mean_power", "mean_output_power", "mean_storage_power")
     if not all(name in estimates for name in names):
@@ -52,7 +52,7 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
 
 
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output that the load's stores feed."""
+    """A note if the load's stores feed an output."""
     fed = fed_by_stores(estimates)
     advice = "raise run.settle, or start them nearer to their steady state by ic="
     return (f"{fed}: {advice}",) if fed else ()
@@ -63,9 +63,9 @@ def efficiency_notes(
 ) -> tuple[str, ...]:
     """Notes on a load that delivers energy, and on every efficiency outside 0 … 1.
 
-    The energy of the output's resistors and storage comes through the piezo's terminals, unless
-    the load has a source, a negative resistance, or energy that it held at the start.
-    `power_scale` is the value of a scaled power of 1 in `unit`.
+    The energy of the output's resistors and storage comes through the piezo's terminals, unless the
+    load has a source, a negative resistance, or energy stored at the start. `power_scale` is the
+    value of a scaled power of 1 in `unit`.
     """
     outside = [
         name.replace("_", " ")
@@ -85,18 +85,18 @@ def efficiency_notes(
         share = -lost / abs(absorbed) if absorbed else math.inf
         if share <= STEPS_OWN_EXCESS:
             return (
-                f"the load gives {share:.1g} of its power more than it takes: this is the error "
-                "of the steps, as the load has hardly any loss",
+                f"the load delivers {share:.1g} of its power more than it takes: this is the error "
+                "of the steps, as the load is nearly lossless",
             )
         excess = f"{-lost * power_scale:.3g} {unit} more than it takes from the piezo"
         if share <= SMALL_EXCESS:
             return (
-                f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
-                "its power; choose a shorter step",
+                f"the load is not passive, or the step too long: it delivers {excess}, {share:.1g} "
+                "of its power; choose a shorter step",
             )
         return (
-            f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
-            "out of its sources or of charge that it held at the start; its efficiencies are not "
+            f"the load is not passive: it delivers {excess} ({absorbed * power_scale:.3g} {unit}), "
+            "from its sources or its initial charge; its efficiencies are not "
             "shares of the piezo's power",
         )
     if any(name.startswith(SUPPLIED) for name in estimates):
@@ -105,19 +105,19 @@ def efficiency_notes(
     if outside and delivered < min(0.0, 2.0 * value("mean_storage_power")):
         return (
             f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
-            f"{-delivered * power_scale:.3g} {unit} into its output, as a sink of constant power "
-            "does whose voltage has collapsed: it asks for more than the device delivers; lower it",
+            f"{-delivered * power_scale:.3g} {unit} into its output, such as a constant-power sink "
+            "with a collapsed voltage: it demands more than the device delivers; reduce it",
         )
     if outside:
         return (
             f"not between 0 and 1: {', '.join(outside)}: energy stored before the measured time "
-            "was used or taken back in it; raise run.settle and run.duration",
+            "was used in it; raise run.settle and run.duration",
         )
     return ()
 
 
 def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output so small that its step error may exceed `step_error`."""
+    """A note if the output is so small that its error may exceed `step_error`."""
     if "mean_output_power" not in estimates:
         return ()
     output_power, input_power = (
@@ -145,21 +145,19 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
     voltage = estimates.get("output_voltage")
     advice = "let the source draw its power from the load, as a converter does"
     if voltage is not None and voltage.estimate < 0.0:
-        advice = (
-            "the output has collapsed below 0 V and asks for more than the device has: lower it"
-        )
+        advice = "the output voltage is below 0 V, since the load demands too much: reduce it"
     return bool(supplied) * (
-        f"{', '.join(supplied)}, which does not come from the device and is no part of output "
-        f"power and efficiencies{', so that nothing is harvested there' * nothing}: {advice}",
+        f"{', '.join(supplied)}, which does not come from the device and is not part of output "
+        f"power and efficiencies{', so nothing is harvested there' * nothing}: {advice}",
     )
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on parts of a load whose energy, if they deliver any, counts as the piezo's."""
+    """A note on parts of a load that might deliver energy, which would count as the piezo's."""
     if load is None:
         return ()
     sources = unbooked(load.elements) if load.has_output else load.sources
-    kinds = (("sources of its own", sources), ("values below 0", load.negative_parts))
+    kinds = (("sources", sources), ("values below 0", load.negative_parts))
     return tuple(
         f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "
         "deliver, if anything, counts as the piezo's"

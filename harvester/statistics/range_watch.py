@@ -1,4 +1,4 @@
-"""Ends a run whose mass leaves the range in which its spring is known."""
+"""End a run if its mass leaves the range in which the spring is known."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class RangeWatch:
-    """Looks at every accepted point of one realization.
+    """Check every accepted point of one realization.
 
     `low` and `high` are the ends of the range, scaled; `length` is the length unit in the scene's
     units, and `unit` its name in the message.
@@ -28,7 +28,7 @@ class RangeWatch:
         self._length, self._unit = length, unit
 
     def add(self, record: Record) -> None:
-        """Check the points of one chunk; raises SpringRangeLeft if the mass is outside at one."""
+        """Check the points of one chunk; raise SpringRangeLeft if the mass is outside the range."""
         outside = (record.displacement < self._low) | (record.displacement > self._high)
         if outside.any():
             first = int(np.argmax(outside))
@@ -36,25 +36,25 @@ class RangeWatch:
             x = self._length * float(record.displacement[first])
             raise SpringRangeLeft(
                 f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
-                f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "
-                "there; widen the range by a force that holds farther out, or drive it less"
+                f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is unknown "
+                "there; extend the range with a force that is valid there, or reduce the excitation"
             )
 
 
-def leaves_range(ready: Prepared, error: Exception) -> bool:
-    """Whether a run ended because its mass left the range; beyond it a spring may diverge."""
+def leaves_range(prepared_scene: Prepared, error: Exception) -> bool:
+    """Whether a run ended because its mass left the range, beyond which a spring may diverge."""
     if isinstance(error, SolutionDiverged):
-        return math.isfinite(np.ptp(ready.system.spring.range))
+        return math.isfinite(np.ptp(prepared_scene.system.spring.range))
     return isinstance(error, SpringRangeLeft)
 
 
 def with_range_watch(
-    ready: Prepared, observers: Sequence[Sequence[Observer]]
+    prepared_scene: Prepared, observers: Sequence[Sequence[Observer]]
 ) -> list[list[Observer]]:
-    """Observers of some realizations, with one more each where the spring has a range."""
-    low, high = ready.system.spring.range
+    """Observers of each realization; if the spring has a range, including a `RangeWatch`."""
+    low, high = prepared_scene.system.spring.range
     if math.isinf(high - low):
         return [list(watching) for watching in observers]
-    unit = " m" if ready.scene.units == "SI" else ""
-    length = ready.scales.displacement
+    unit = " m" if prepared_scene.scene.units == "SI" else ""
+    length = prepared_scene.scales.displacement
     return [[RangeWatch(low, high, length, unit), *watching] for watching in observers]

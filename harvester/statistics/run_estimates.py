@@ -22,9 +22,9 @@ from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
     constant,
+    deterministic_error,
     duration_for_error,
     error_of_starts,
-    error_without_chance,
     measured_time,
     standard_error,
     standard_error_of_drift,
@@ -54,31 +54,32 @@ if TYPE_CHECKING:
     from harvester.statistics.moments import Moments
     from harvester.statistics.well_balance import WellBalance
 
-# Where the device's energy goes; `loss_power` contains the transducer's loss.
+# Powers that leave the mass; `loss_power` includes the transducer's loss.
 LOSSES = ("load_power", "loss_power")
-# Points of the integrals over frequency.
+# Number of points of the integrals over frequency.
 POINTS = 2001
-# A record's spectral density is averaged over segments of the run's length over this.
+# A record's spectral density is averaged over segments of 1/STRETCHES of the run's length.
 STRETCHES = 8.0
 
 
-# A change of a transient's energies by longer steps is noted from this share on: three times what
-# a resolved one may have.
+# Changes of a transient's energies by longer steps are noted from this share on: three times the
+# change of a resolved transient.
 NOTED_CHANGE = 0.03
 SENSITIVE = (
-    "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
-    "before; choose step = finest or a shorter one, best by the method monte-carlo"
+    "the motion is sensitive to the steps: the phase of the motion at an event depends on all "
+    "steps before it; choose step = finest or a shorter one, preferably with method monte-carlo"
 )
 CHAOTIC = (
     "the path is chaotic: runs whose excitation differs by the possible step error end with powers "
-    "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
-    "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
+    "that scatter by {:.0%}, so that no step resolves it and this path is one of many; error bars "
+    "include that scatter; set run.starts = 100, which averages over starts, or take a longer "
+    "record"
 )
-# No record is advised that is longer by this factor: a store that charges slowly gives such advice.
+# Records more than this factor longer are not recommended, as slowly charging stores would need.
 LONGEST_ADVICE = 16.0
-# Fewest periods of a deterministic excitation whose means show how they differ.
+# Minimum number of periods of a deterministic excitation for an error from their differences.
 FEWEST_PERIODS = 2
-# Most notes on options of ngspice, which may differ from realization to realization.
+# Maximum number of notes on options of ngspice, which may differ between realizations.
 MOST_NOTES = 3
 
 
@@ -91,19 +92,20 @@ class RunEstimates:
     whole
         All estimates, each with its error bar.
     shortfalls
-        The relaxations for which the run was too short.
+        Relaxations for which the run was too short.
     step_error
-        Share of a power that the steps may cost.
+        Relative error of a power due to the step.
     path_error
-        Share by which the steps may change the means of one deterministic path.
+        Relative error of the means of one deterministic path due to the step.
     residual
         Residual of the energy balance, as a share of the energy input.
     notes
         Notes on sources in the load, efficiencies above 1 and the shortfalls.
     moments
-        Weighted by `harvester.statistics.well_balance` where wells differ.
+        Moments of the realizations, weighted by `harvester.statistics.well_balance` if wells
+        differ.
     error
-        The error of a mean from batches of these.
+        Function that returns the error of a mean from batches of `moments`.
     balance
         Balance of the jumps between wells, if these differ; else None.
     """
@@ -120,45 +122,45 @@ class RunEstimates:
 
     @property
     def scaled(self) -> dict[str, Estimate]:
-        """The estimates, without the error bars that would be too small."""
+        """The estimates, without error bars that would be too small."""
         return withheld(self.whole, self.shortfalls)
 
 
 def run_estimates(
-    ready: Prepared, moments: Sequence[Moments], step_error: float = 0.0
+    prepared_scene: Prepared, moments: Sequence[Moments], step_error: float = 0.0
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
-    `step_error` is the share that the steps may cost, see `harvester.scene.steps.step_error`:
-    where nothing is by chance it is part of the error.
+    `step_error`: see `harvester.scene.steps.step_error`; for deterministic runs it is part of the
+    error.
 
     Raises
     ------
     SceneError
-        No step of the run lies in its measured time.
+        The measured time contains no complete step.
     """
-    scene, system, scales = ready.scene, ready.system, ready.scales
+    scene, system, scales = prepared_scene.scene, prepared_scene.system, prepared_scene.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(
-            f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
-            "raise it to some periods of the motion"
+            f"{scene.name}: run.duration = {scene.run.duration:g}: it contains no complete step; "
+            "raise it to a few periods of the motion"
         )
     step_error = max(step_error, *(m.step_error for m in moments))
     spread = max(m.spread for m in moments)
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
-    memory = correlation_time(ready, moments)
+    memory = correlation_time(prepared_scene, moments)
     batch = moments[0].batch_length
 
     def error_over(time, change=False):
-        """The function that gives errors of means with this least correlation time (s)."""
+        """Return a function that computes errors of means with this least correlation time (s)."""
         return balance.error if balance else error_of(scene, time / batch, change)
 
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
-    stores = store_states(ready, moments)
-    # With one path, means hold for slow stores only at their charge in this run.
+    stores = store_states(prepared_scene, moments)
+    # For a single path, means are conditional on the slow stores' charge in this run.
     longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
     remembered = [store.memory for store in stores if store.memory <= longest]
     slow = memory + 0.5 * max(remembered, default=0.0)
@@ -167,11 +169,11 @@ def run_estimates(
     estimates |= device_storage(moments, balanced, system, error_over(memory, change=True))
     estimates |= estimate_strain(balanced, scene.excitation, error)
     square, power = (estimates[f"mean_{name}"].estimate for name in ("square_voltage", "power"))
-    step_error *= faintness(susceptance(ready) * square, power)
+    step_error *= faintness(susceptance(prepared_scene) * square, power)
     path_error = math.hypot(step_error, spread)
     estimates = _with_limited_samples(estimates, sum(m.points for m in moments))
     sizes = step_sizes(estimates, scene.load.circuit.measures if scene.load.circuit else ())
-    # A device holds about its mean X'² as kinetic and potential energy.
+    # Kinetic and potential energy of a device are about its mean X'².
     held = estimates["mean_square_velocity"].estimate / scene.run.duration
     sizes["mean_device_storage_power"] = held
     estimates = {
@@ -180,7 +182,7 @@ def run_estimates(
         )
         for name, estimate in estimates.items()
     }
-    reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
+    reasons = shortfalls(prepared_scene, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *[*dict.fromkeys(moment.note for moment in moments if moment.note)][:MOST_NOTES],
@@ -208,7 +210,7 @@ def run_estimates(
 
 
 def _with_limited_samples(estimates, points):
-    """The estimates with no more effective samples than points that were computed."""
+    """Limit the effective sample sizes to the number of computed points."""
     return {
         name: replace(estimate, effective_sample_size=float(points))
         if (estimate.effective_sample_size or 0.0) > points
@@ -218,7 +220,7 @@ def _with_limited_samples(estimates, points):
 
 
 def _with_lengths(scene, moments, whole, memory):
-    """The estimates; where one has no error bar, its note names the duration that would give it."""
+    """Name the duration that would give an error bar in the note of an estimate without one."""
     batches, period = complete_batches(moments), scene.excitation.period
     if batches is None or all(estimate.note != TOO_SHORT for estimate in whole.values()):
         return whole
@@ -228,7 +230,7 @@ def _with_lengths(scene, moments, whole, memory):
     duration = duration_for_error(series, scene.run.duration, memory)
     if period and not scene.excitation.random:
         duration = FEWEST_PERIODS * period
-    if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
+    if duration <= scene.run.duration:  # e.g. too few jumps rather than periods
         return whole
     note = f"too short for an error bar: set run.duration = {number(duration, 2)} or more"
     if scene.excitation.kind == "record" and not period:
@@ -242,14 +244,14 @@ def _with_lengths(scene, moments, whole, memory):
 
 
 def _sinks(scene, moments, scale):
-    """A note on currents across the output that take power and count as a loss of the load."""
+    """A note on currents at the output that take power but count as a loss of the load."""
     load = scene.load.circuit
     if load is None or not load.has_output or any(m.kind == OUTPUT for m in load.measures):
         return ()
     powers = taken_by_sources(moments)
     return tuple(
         f"{part.name} takes {quantity(scale * powers[name], unit_of(scene, 'power'), 3)} at the "
-        "output, which counts as converter loss, as only resistors there are the output: to count "
+        "output, which counts as converter loss, since only resistors count as output: to count "
         "it, write * measure: output NAME = watts"
         for part in load.elements
         if (name := part.name.replace(".", "_")) in powers
@@ -259,7 +261,7 @@ def _sinks(scene, moments, scale):
 
 
 def _without_value(load, moments):
-    """A note on each measure of a load whose expression has no value at some time."""
+    """A note on each measure of a load whose expression is not finite at some time."""
     names = without_value(moments)
     return tuple(
         f"{measure.where}: measure: {measure.kind} {measure.name} = {measure.expression} has no "
@@ -270,49 +272,50 @@ def _without_value(load, moments):
     )
 
 
-def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
-    """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
+def correlation_time(prepared_scene: Prepared, moments: Sequence[Moments]) -> float:
+    """Minimum correlation time of a run's mean squares (s), from damping and excitation band.
 
-    A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
-    relative to (∫S df)²: the variance for an exponential autocorrelation with the time
-    ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
-    the run lost its energy; 0 where that rate is not positive.
+    For Gaussian motion with the density S(f), the mean square over a time T has the variance ∫S²
+    df/T relative to (∫S df)². An exponential autocorrelation with the time ∫S² df/(2 (∫S df)²)
+    gives the same variance. S is the excitation's density filtered by a resonance whose damping
+    rate is the run's energy loss rate. The result is 0 if this rate is not positive.
     """
     sums = sum(m.integrals.sum(axis=0) for m in moments)
     lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
     square = sums[QUANTITIES.index("square_velocity")]
     if not lost > 0.0 or not square > 0.0:
         return 0.0
-    excitation, rate = ready.scene.excitation, lost / square
-    centre = timescales.angular_frequency(ready.system) / (2.0 * math.pi)
+    excitation, rate = prepared_scene.scene.excitation, lost / square
+    centre = timescales.angular_frequency(prepared_scene.system) / (2.0 * math.pi)
     width = rate / (2.0 * math.pi)
-    # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
+    # Even steps of the resonance's phase, and even steps between the breakpoints of the density.
     f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
-    measured = excitation.measured_density(ready.scene.run.duration / STRETCHES)
+    measured = excitation.measured_density(prepared_scene.scene.run.duration / STRETCHES)
     corners = sorted(excitation.corners if measured is None else measured[0]) or [centre]
-    places = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
-    f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
+    positions = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
+    f = np.unique(np.append(f[f > 0.0], np.interp(positions, np.arange(len(corners)), corners)))
     density = excitation.density(f) if measured is None else np.interp(f, *measured)
     if density is None or not density.any():
         return 1.0 / rate
     response = f**2 / ((centre**2 - f**2) ** 2 + (width * f) ** 2) * density
     time = 0.5 * float(np.trapezoid(response**2, f) / np.trapezoid(response, f) ** 2)
-    # The product of a sine and noise forgets with the amplitude, half as fast as the energy. In a
-    # measured density a sine is a band as wide as the run resolves.
+    # The product of a sine and noise decorrelates with the amplitude, half as fast as the energy.
+    # In a measured density a sine is a band as wide as the run's frequency resolution.
     return 2.0 * time if excitation.lines and measured is None else time
 
 
 def error_of(scene: Scene, memory: float = 0.0, change: bool = False) -> Callable:
-    """The function that gives a mean's error from batches, chosen by excitation and starts.
+    """Return the function that computes a mean's error from batches, for this excitation and
+    starts.
 
-    `memory` is the least correlation time in batches, see `correlation_time`. `change` is true for
-    the rate of change of a stored energy. Along one path that is the energy at the end less the
-    energy at the beginning, so that only drawn starts give it an error.
+    `memory`: minimum correlation time in batches, see `correlation_time`. `change`: whether the
+    mean is the rate of change of a stored energy. On one path this is the final energy less the
+    initial energy, so that only random starts give it an error.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
-        return partial(error_without_chance, drawn=drawn)
+        return partial(deterministic_error, drawn=drawn)
     over_time = standard_error_of_drift if excitation.drifts else standard_error
     in_time = partial(over_time, memory=memory)
     if excitation.random:
@@ -320,7 +323,7 @@ def error_of(scene: Scene, memory: float = 0.0, change: bool = False) -> Callabl
     transient = excitation.transient(scene.run)
 
     def error(series: np.ndarray) -> float | None:
-        # All starts meet the same stretch of the excitation.
+        # All starts have the same excitation in this time.
         common = 0.0 if transient or change else in_time(series.mean(axis=0, keepdims=True))
         chance = error_of_starts(series) if drawn else 0.0
         return None if common is None else math.hypot(common, chance)
@@ -336,11 +339,12 @@ def with_steps(
     size: float | None = None,
     change: bool = False,
 ) -> Estimate:
-    """The estimate with the error of its steps, if the excitation is deterministic.
+    """The estimate; for a deterministic excitation, its error includes the step error.
 
-    A periodic motion or a transient has no sample size. The sample size of another path is at most
-    the number of correlation times `memory` (s): a repetition within a cycle is no further sample.
-    The steps cost a share of `size`, by default the estimate's own; see `step_sizes`. `change`: see
+    A periodic motion or a transient has no sample size. On other paths the sample size is at most
+    the number of correlation times `memory` (s), since repetitions in a cycle add no information.
+    The step error is a share of `size`, by default the estimate itself; see `step_sizes`. `change`:
+    see `error_of`.
     `error_of`.
     """
     excitation = scene.excitation
@@ -348,7 +352,7 @@ def with_steps(
         return estimate
     error, samples = estimate.standard_error, estimate.effective_sample_size
     size = abs(estimate.estimate) if size is None else size
-    # The bars of these do not hold the scatter of batches.
+    # Their error bars do not include the scatter of batches.
     unvarying = change or excitation.period is not None or excitation.transient(scene.run)
     if unvarying:
         samples = None
@@ -364,7 +368,7 @@ def with_steps(
 
 
 def _loose_nodes(load):
-    """A note on nodes of a load that lead nowhere: a misspelt name makes such."""
+    """A note on nodes of a load with a single connection, such as misspelt names."""
     if load is None or not load.loose_nodes:
         return ()
     ellipsis = " …" if load.loose_nodes[3:] else ""

@@ -1,4 +1,4 @@
-"""Every quantity of a set of realizations, from their moments."""
+"""All quantities of a set of realizations, from their moments."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from harvester.statistics.batch_means import (
 from harvester.statistics.estimate import NONE_SEEN, NOTHING_PUT_IN, Estimate, root, why_no_error
 from harvester.statistics.moments import PRODUCTS, QUANTITIES, WELLS, Moments
 
-NEVER_REACHED = "no realization reached that well"
-# Means over time: for each the integral it is computed from, and its dimension.
+NEVER_REACHED = "no realization reached this well"
+# Means over time, with the integral and the dimension of each.
 MEANS = {
     "mean_square_voltage": ("square_voltage", "voltage^2"),
     "mean_power": ("load_power", "power"),
@@ -39,9 +39,9 @@ MEANS = {
 def estimate_all(
     moments: list[Moments], parameters: System, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Every quantity of a set of realizations, scaled; incomplete batches are left out.
+    """All quantities of a set of realizations, scaled; incomplete batches are ignored.
 
-    `error_of` is `standard_error`, or another error of a mean from batches: see
+    `error_of`: function that returns the error of a mean from batches, see
     `harvester.statistics.run_estimates.error_of`.
     """
     batches = complete_batches(moments)
@@ -74,7 +74,7 @@ def estimate_all(
 
 
 def _jump_rates(moments, batches, alike, error_of):
-    """Rates of jumps (1/s): jumps out of a well over the time since it was reached."""
+    """Rates of jumps (1/s): jumps out of a well over the time spent in it."""
     jumps = [realization.jumps for realization in moments]
     if jumps[0] is None:
         return {}
@@ -105,13 +105,13 @@ def _mean(series, products, name, dimension, error_of):
         if size is not None and size < FEWEST_EFFECTIVE:
             error = size = None
     elif name == "time_in_well":
-        # At any time it is 0 or 1, and so equal to its square.
+        # It is always 0 or 1, and therefore equals its square.
         size = independent_samples(mean, mean, error)
     return Estimate(mean, error, size, dimension, why_no_error(mean, error))
 
 
 def _efficiencies(series, products, error_of):
-    """Eq. 35 in both forms: relative to the power lost and used, and to the power put in."""
+    """Both forms of Eq. 35: relative to the power lost and used, and to the input power."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
     load_load = products["load_power", "load_power"]
     load_loss = products["load_power", "loss_power"]
@@ -130,7 +130,7 @@ def _efficiencies(series, products, error_of):
 
 
 def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, error_of):
-    """Ratio of two powers; the squares and `cross` are means of products within the run."""
+    """Ratio of two powers; the squares and `cross` are means of products in the run."""
     if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", NOTHING_PUT_IN)
     ratio, error = ratio_of_sums(upper, lower, error_of)

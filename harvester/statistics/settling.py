@@ -1,16 +1,15 @@
 """Whether a run is longer than the memory of its device and load, and whether its means drift.
 
-Realizations start at rest. The remainder of that start in a mean over the measured time, once
-`run.settle` has passed, is not seen by batch means: if it exceeds the error bar, that bar is
-withheld, and a note names the time that was too long.
-
+Realizations start at rest. Batch means do not detect what remains of the initial transient after
+`run.settle` in a mean over the measured time. If this exceeds the error bar, the error bar is
+withheld, and a note names the relaxation time.
     0       settle                     settle + duration
     |-------|------------ measured ------------|
-     exp(−t/τ) of the start is left at t; its mean over the measured time is `left_of_start`
+    the transient decays as exp(−t/τ); its mean over the measured time is `left_of_start`
 
-Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. In the mean
-400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the way from the start is missing. An error
-bar of 2 % would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
+Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. The mean lacks
+400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the change from the start. An error bar of 2
+% would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
 """
 
 from __future__ import annotations
@@ -45,21 +44,20 @@ if TYPE_CHECKING:
     from harvester.statistics.store_settling import StoreState
     from harvester.statistics.well_balance import WellBalance
 
-# Relaxation times after which the start of a run counts as forgotten: exp(−8) = 3e-4 of it are
-# left.
+# Number of relaxation times after which an initial transient is negligible, exp(−8) = 3e-4.
 FORGETTING_TIMES = 8.0
 # A drift is reported if it exceeds this share of the mean and this number of standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Share of a store's charge above which the bound of its missing charge is not printed.
+# If a store lacks more than this multiple of its charge, the bound is not printed.
 MOST_MISSING = 10.0
-# Among stores with at least this share of the largest missing charge, the greatest capacitance is
-# named.
+# Among the stores that lack at least this share of the largest missing charge, the note names the
+# one with the largest capacitance.
 FOLLOWING = 0.25
-# After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
-# of time that the starts move by more than 0.005.
+# After three exchange times of the wells, exp(−3) = 5 % of the effect of the starts remains. A note
+# names shares of time that the starts change by more than 0.005.
 SETTLED, NOTED_START = 3.0, 0.005
-# With fewer than 16 jumps between the wells, a single jump more changes the means visibly. A run
-# without a jump is no surprise where fewer than 0.05 are expected.
+# With fewer than 16 jumps between the wells, one more jump would change the means visibly. A run
+# without jumps is plausible if fewer than 0.05 are expected.
 FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
 QUANTITIES_OF_THE_CHARGE = (
     "mean_square_voltage",
@@ -80,7 +78,7 @@ QUANTITIES_OF_THE_OUTPUT = (
 )
 # Smallest rate over the largest at which their linear equations can be solved in double precision.
 SMALLEST_RATE = 1e-10
-# Points over which the remainder of a coherent motion is averaged.
+# Number of points over which the remaining transient of a coherent motion is averaged.
 COHERENT_POINTS = 50
 # Terms of the exponential's series: the sum of all others is below 1e-16.
 TAYLOR_TERMS = 19
@@ -93,16 +91,16 @@ DRIFTING_QUANTITIES = {
 
 @dataclass(frozen=True)
 class Shortfall:
-    """A reason for which a run was too short, with the quantities affected.
+    """A reason why a run was too short, with the affected quantities.
 
     Attributes
     ----------
     reason
-        Reason in a few words, shown next to each estimate.
+        Short reason, printed next to each estimate.
     advice
         The consequence, and the setting to change.
     names
-        Estimates that lose their error bar; None: all.
+        Estimates that lose their error bars; None: all.
     """
 
     reason: str
@@ -111,47 +109,51 @@ class Shortfall:
 
     @property
     def note(self) -> str:
-        """The note as a whole sentence."""
+        """The note as a full sentence."""
         return f"{self.reason}: {self.advice}"
 
 
 def shortfalls(
-    ready: Prepared,
+    prepared_scene: Prepared,
     moments: list[Moments],
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
     stores: Sequence[StoreState] = (),
     memory: float = 0.0,
 ) -> list[Shortfall]:
-    """All reasons for which a run was too short; none for a transient or a sweep.
+    """All reasons why a run was too short; empty for a transient or a sweep.
 
-    Their means include that event. `balance` describes the jumps between wells if these
-    differ; `stores` are the load's at the end of the run. `memory` is the least correlation time in
-    batches.
+    The means of a transient or a sweep include that event. `balance`: the balance of the jumps
+    between wells, if these differ. `stores`: the load's stores at the end of the run. `memory`:
+    minimum correlation time in batches.
     """
-    scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
+    scene, p, excitation = (
+        prepared_scene.scene,
+        prepared_scene.system,
+        prepared_scene.scene.excitation,
+    )
     measured = math.isfinite(excitation.highest_frequency)
     event = excitation.drifts and (excitation.transient(scene.run) or not measured)
     if event or "mean_square_voltage" not in estimates:
         return []
     reasons = [_motion(scene, p, estimates), _charge(scene, p, moments, estimates)]
     if excitation.drifts:
-        # Stores and jumps come from this record.
+        # Stores and jumps are those of this record.
         return [reason for reason in (*reasons, _ramp(moments, estimates)) if reason]
     reasons += [
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
-        # Without noise the start decides the well, and a longer run has no more jumps.
+        # Without noise the start determines the well, and a longer run has no more jumps.
         _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
     return reasons or _drift(moments, balance, memory)
 
 
-def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
+def withheld(estimates: dict[str, Estimate], shortfalls: list[Shortfall]) -> dict[str, Estimate]:
     """The estimates, without the error bars that would be too small."""
     result = dict(estimates)
-    for shortfall in reversed(found):
+    for shortfall in reversed(shortfalls):
         for name in result if shortfall.names is None else shortfall.names:
             if name in result and result[name].note not in OF_THE_VALUE:
                 result[name] = replace(
@@ -164,15 +166,15 @@ def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str
 
 
 def left_of_start(time: float, settle: float, duration: float) -> float:
-    """Mean of exp(−t/time) over the measured time: the remainder of a start."""
+    """Mean of exp(−t/time) over the measured time: the remaining share of an initial transient."""
     share = time / duration
     return share * math.exp(-settle / time) * -math.expm1(-1.0 / share)
 
 
 def unseen_jump(p: System, square_voltage: Any, measured: float) -> float:
-    """The share by which a single further jump between the wells would raise E[V²].
+    """Relative increase of E[V²] by one further jump between the wells.
 
-    The charge is then off by the wells' distance, and follows within 1/λ.
+    The jump displaces the charge by the wells' distance; it decays within 1/λ.
     """
     wells, decay = timescales.wells(p), p.transducer.decay_rate()
     if len(wells) == 1 or not square_voltage:
@@ -184,7 +186,7 @@ def unseen_jump(p: System, square_voltage: Any, measured: float) -> float:
 
 
 def _relative_error(estimate):
-    """Standard error as a share of the estimate; 0 where there is no bar to be wrong."""
+    """Standard error as a share of the estimate; 0 if there is no error bar."""
     if estimate is None or estimate.standard_error is None or not estimate.estimate:
         return 0.0
     return abs(estimate.standard_error / estimate.estimate)
@@ -212,11 +214,11 @@ def _too_short(scene, time, what, share, names=None):
 
 
 def _slow(scene, time, what, error, names=None):
-    """The shortfall of a run against one relaxation time, or None if the run is long enough."""
+    """Shortfall of a run compared with one relaxation time; None if the run is long enough."""
     run = scene.run
-    left = left_of_start(time, run.settle, run.duration)
-    if left > max(error, SMALLEST_DRIFT):
-        return _too_short(scene, time, what, left, names)
+    share = left_of_start(time, run.settle, run.duration)
+    if share > max(error, SMALLEST_DRIFT):
+        return _too_short(scene, time, what, share, names)
     if scene.excitation.period is not None and not scene.excitation.random:
         return None
     return _few_values(scene, time, what, names)
@@ -231,19 +233,19 @@ def _few_values(scene, time, what, names=None):
         return None
     return Shortfall(
         f"{_lengths(run)} are too short for {what} of {time:.3g} s",
-        f"{run.realizations} realizations see about {values:.0f} independent values of it; "
+        f"{run.realizations} realizations contain about {values:.0f} independent values of it; "
         f"set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
         names,
     )
 
 
 def _motion(scene, p, estimates):
-    """Small oscillations, with the load's decay, as the linear equations have them."""
+    """Shortfall for small oscillations and the load's decay, by the linearised equations."""
     run, excitation = scene.run, scene.excitation
     if p.noise.intensity <= 0.0:
         return None
-    matrix, places = _linear(p, estimates)
-    # The motion may keep its phase to a sine, and to a record, which may hold some.
+    matrix, states = _linear(p, estimates)
+    # The motion may stay in phase with a sine or a record, which may contain sines.
     coherent = excitation.drifts or bool(excitation.random and excitation.lines)
     if not np.all(np.isfinite(matrix)):
         return None
@@ -257,7 +259,7 @@ def _motion(scene, p, estimates):
 
     def left(settle):
         missing = _left_in_squares(p, matrix, replace(run, settle=settle), coherent)
-        return max(missing[state] for state in places)
+        return max(missing[state] for state in states)
 
     try:
         with warnings.catch_warnings():
@@ -265,7 +267,7 @@ def _motion(scene, p, estimates):
             share = left(run.settle)
             if share <= bound:
                 return None
-            # The slowest decays may hardly change the measured means: take the first that suffices.
+            # The slowest decays may hardly affect the means: use the first one that suffices.
             times = sorted(1.0 / rates)
             slow = next(
                 (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
@@ -284,10 +286,11 @@ def _motion(scene, p, estimates):
 
 
 def _linear(p, estimates):
-    """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
+    """Matrix of (X − rest, X', V, η), without V if the load is not a resistor.
 
-    Also the indices of the states whose mean squares are tested. The stiffness of a monostable
-    spring is taken at the measured E[X²], the damping by another load from the measured power.
+    Also returns the indices of the states whose mean squares are tested. The stiffness of a
+    monostable spring is that at the measured E[X²]; another load's damping follows from the
+    measured power.
     """
     square = estimates["mean_square_displacement"].estimate
     equilibrium = timescales.rest(p)
@@ -316,8 +319,8 @@ def _linear(p, estimates):
 def _left_in_squares(p, matrix, run, coherent):
     """Relative distance of the mean squares over the measured time from their stationary values.
 
-    A `coherent` motion keeps its phase: the remainder of the start is added to the amplitudes, not
-    to the squares, and is forgotten half as fast. Between the two it is a bound.
+    A `coherent` motion stays in phase: the remaining transient adds to the amplitudes rather than
+    the squares, and decays half as fast. For partly coherent motion this is an upper bound.
     """
     noise = np.zeros_like(matrix)
     noise[-1, -1] = -2.0 * p.noise.intensity / p.noise.correlation_time**2
@@ -333,7 +336,7 @@ def _left_in_squares(p, matrix, run, coherent):
         steps = run.settle + run.duration * np.linspace(0.0, 1.0, COHERENT_POINTS) ** 2
         squares = np.abs([np.diag(later(time)) for time in steps]) / np.diag(stationary)
         return np.trapezoid(2.0 * np.sqrt(squares) - squares, steps, axis=0) / run.duration
-    # The integral I of the missing covariance obeys A I + I Aᵀ = its change.
+    # The integral I of the missing covariance satisfies A I + I Aᵀ = its change.
     change = later(run.settle + run.duration) - later(run.settle)
     integral = _lyapunov(matrix, change)
     return np.abs(np.diag(integral)) / run.duration / np.diag(stationary)
@@ -357,7 +360,7 @@ def _exponential(matrix):
 
 
 def _charge(scene, p, moments, estimates):
-    """The shortfall against 1/λ, the time in which the charge follows a jump between wells."""
+    """Shortfall compared with 1/λ, the time in which the charge follows a jump between wells."""
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay:
         return None
@@ -369,7 +372,7 @@ def _charge(scene, p, moments, estimates):
 
 
 def _storage(scene, stores, estimates):
-    """A store of the load that still charges, or that is slow against the run."""
+    """Shortfall for a store of the load that still charges, or is slow compared with the run."""
     run = scene.run
     measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
     bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
@@ -377,7 +380,7 @@ def _storage(scene, stores, estimates):
         return None
     worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
-        # Stray capacitances follow the storage.
+        # Stray capacitances follow the storage capacitor.
         alike = [store for store in stores if abs(store.missing) > FOLLOWING * abs(worst.missing)]
         elements = scene.load.circuit.elements
         sizes = {part.name: part.size or 0.0 for part in elements if part.letter == "c"}
@@ -389,12 +392,12 @@ def _storage(scene, stores, estimates):
         )
         if abs(worst.missing) > MOST_MISSING:
             # While diodes block, the bound is meaningless.
-            away, longest = "it has not come near its ", ""
+            away, longest = "it is far from its ", ""
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
             f"{away}steady state, which affects all means; raise run.settle{longest}, or start it "
-            "nearer to that by ic=",
+            "nearer to this state by ic=",
         )
     if not scene.excitation.random:
         return None
@@ -405,10 +408,10 @@ def _storage(scene, stores, estimates):
 
 
 def _jumps(scene, p, moments, estimates):
-    """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
+    """Shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
     crossings = _total(moments, "well_crossings")
-    # Without noise a motion that stays in its well goes on staying, and a periodic one between
-    # the wells passes as often in each period.
+    # Without noise, motion in one well remains there, and periodic motion between the wells has
+    # equally many passes in each period.
     if not scene.excitation.random and (scene.excitation.period or not crossings):
         return None
     decay = p.transducer.decay_rate()
@@ -416,15 +419,15 @@ def _jumps(scene, p, moments, estimates):
         return None
     square = estimates["mean_square_voltage"]
     measured = _total(moments, "time")
-    one = unseen_jump(p, square.estimate, measured)
-    if one <= max(_relative_error(square), SMALLEST_DRIFT):
+    increase = unseen_jump(p, square.estimate, measured)
+    if increase <= max(_relative_error(square), SMALLEST_DRIFT):
         return None
     if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
         return None
     seen = f"{crossings:.0f} passes" if crossings else "no pass"
     return Shortfall(
         f"{seen} between the wells in {measured:.3g} s",
-        f"a single further jump would raise E[V²] by {100.0 * one:.2g} %; raise run.duration or "
+        f"one more jump would increase E[V²] by {100.0 * increase:.2g} %; raise run.duration or "
         "run.realizations",
         QUANTITIES_OF_THE_CHARGE,
     )
@@ -449,7 +452,7 @@ def _residence(scene, p, moments, estimates, balance):
             return None
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
     needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
-    # Wells of a symmetric spring differ by their stoppers alone.
+    # Wells of a symmetric spring can differ only by their stoppers.
     untouched = p.spring.symmetric and p.contacts and not _total(moments, "impacts")
     averaged = scene.load.is_resistor and not scene.excitation.averaging_refusal()
     return Shortfall(
@@ -466,24 +469,24 @@ def _residence(scene, p, moments, estimates, balance):
 
 
 def _unknown(name, estimate):
-    """Whether an estimate lacks an error bar because jumps are few, or is a rate of few jumps."""
-    few = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
-    return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
+    """Whether an estimate lacks an error bar due to few jumps, or is a rate of few jumps."""
+    is_rare = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
+    return estimate.note == TOO_SHORT or (is_rare and name.startswith("jump_rate"))
 
 
 def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
-    """A note where settling and run are short against the time in which wells exchange."""
+    """A note if settling and run are short compared with the exchange time of the wells."""
     if balance is None or balance.shares is None:
         return ()
     run = scene.run
-    # Realizations begin in successive wells, or all in the same.
+    # Realizations start in successive wells, or all in the same one.
     missing = 1.0 if scene.start else np.max(np.abs(balance.shares - 1.0 / len(balance.shares)))
     if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
         return ()
     return (
         f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
-        "shares of time follow from the rates of jumps in balance, not from the run; "
-        f"with run.settle = {SETTLED * balance.exchange_time:.2g} they are the same",
+        "shares of time are computed from the balance of jump rates, not from the run; "
+        f"with run.settle = {SETTLED * balance.exchange_time:.2g} both agree",
     )
 
 
@@ -494,9 +497,9 @@ def _total(moments, quantity):
 def _expected_jumps(p, moments, estimates):
     """Largest likely number of jumps out of the wells, by the rate of a weakly damped mass.
 
-    The energy is the upper end of its interval: runs with little energy by chance would else keep
-    error bars that others lose. The charge is slower than the motion: it lifts the barrier by as
-    much as the load is slower than the motion.
+    The energy is the upper end of its interval, so that runs with little energy by chance lose
+    their error bars like others. A slow charge raises the barrier, in proportion to the ratio of
+    the load's time constant to that of the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
     lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
@@ -514,7 +517,7 @@ def _expected_jumps(p, moments, estimates):
 
 
 def _drift(moments, balance, memory):
-    """Means that change from the first half of the measured time to the second."""
+    """Shortfalls for means that change from the first half of the measured time to the second."""
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < 2:
         return []
@@ -540,7 +543,7 @@ def _drift(moments, balance, memory):
 
 
 def _ramp(moments, estimates):
-    """The shortfall of an output that rises or falls throughout the measured time, or None."""
+    """Shortfall for an output that ramps throughout the measured time, or None."""
     ends = output_ramp(moments)
     mean = estimates["output_voltage"].estimate if ends else 0.0
     if ends is None or abs(ends[1] - ends[0]) <= SMALLEST_DRIFT * abs(mean):
@@ -555,7 +558,7 @@ def _ramp(moments, estimates):
 
 
 def _change(values, memory):
-    """Change from the first half to the second as a share of the mean; 0 where chance does it."""
+    """Relative change from the first half to the second; 0 if it may be due to chance."""
     half = values.shape[1] // 2
     early, late = values[:, :half], values[:, -half:]
     change, mean = float(late.mean() - early.mean()), float(values.mean())
@@ -565,7 +568,7 @@ def _change(values, memory):
     if len(values) >= FEWEST_BATCHES:
         differences = late.mean(axis=1) - early.mean(axis=1)
         spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
-        error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
+        error = max(spread, math.hypot(*(error_or_none or 0.0 for error_or_none in errors)))
     else:
         bars = [bar for bar in errors if bar is not None]
         if len(bars) < len(errors):

@@ -1,10 +1,9 @@
-"""Moments of several realizations, added to while they are integrated, eight to an instruction.
+"""Moments of several realizations, accumulated during integration with SIMD instructions.
 
-All realizations take the same steps, and some of them have additional points within a step. A
-step belongs to the batch of its middle, and is measured if it begins at or after the start.
+All realizations take the same steps, and some have additional points in a step. A step belongs to
+the batch of its middle, and is measured if it begins at or after the start.
 
-A block of memory holds eight realizations, one in each column:
-
+A block of memory contains eight realizations, one in each column:
     cells[TIME + k]              t₀ t₁ … t₇   latest point: nine rows (`add_point` replaces it)
     cells[SQUARE_VOLTAGES + k]   ΣV²Δt of     sums since the batch began (`add_point` adds to them,
                                  0 … 7        `end_batch` moves them into the batch)
@@ -24,13 +23,13 @@ from harvester.device.record import Record
 from harvester.statistics.jumps import Jumps, energy_at, neighbours
 from harvester.statistics.moments import PRODUCTS, QUANTITIES, WELLS, Moments, count_sample
 
-# One vector instruction treats eight realizations: the widest registers hold eight doubles. They
+# One vector instruction processes eight doubles, the widest register: eight realizations. They
 # share a block of memory, in which each quantity has a row of eight numbers.
 TOGETHER = 8
 FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
 # Offsets of the rows in a block. The rows are the latest point, the sums in the order of
-# `Moments.integrals` and `Moments.products`, the displacement before it, the time since then (0
-# before the start), and the two saddles around the well that was reached last.
+# `Moments.integrals` and `Moments.products`, the displacement before the latest point, the time
+# since then (0 before the start), and the two saddles around the well reached last.
 TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
     0, FIELDS * TOGETHER, TOGETHER
 )
@@ -50,16 +49,17 @@ BLOCK = RIGHT + TOGETHER
 
 
 class Tally(NamedTuple):
-    """Arrays that compiled code adds to, as in `Moments` and `Jumps`, with a leading realization.
+    """Arrays to which compiled code adds, as in `Moments` and `Jumps`; the first axis is the
+    realization.
 
     Attributes
     ----------
     rows
         Shape (blocks of eight, BLOCK).
     wells
-        Reached last; −1 before the first.
+        Well reached last; −1 before the first.
     since
-        Time (s) up to which the stay in that well has been added.
+        Time (s) up to which the time in that well has been added.
     """
 
     start: float
@@ -85,10 +85,10 @@ class Tally(NamedTuple):
 
 
 class SeveralMoments:
-    """Moments of several realizations of one scene, without an output side.
+    """Moments of several realizations of one scene, without a load output.
 
-    Additions to `tally` appear in each of them, with `collect`. The moments are empty at
-    first, their samples at multiples of the knots' `spacing` (s).
+    Additions to `tally` also change the moments; `collect` completes them. The moments are
+    initially empty, with samples at multiples of the knots' `spacing` (s).
     """
 
     def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
@@ -98,7 +98,7 @@ class SeveralMoments:
         counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
         rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
         rows[:, TIME : TIME + TOGETHER] = np.nan
-        # Until a first well is reached, no position lies between its saddles.
+        # Before a well is reached, no position is between its saddles.
         rows[:, LEFT : LEFT + TOGETHER], rows[:, RIGHT : RIGHT + TOGETHER] = np.inf, -np.inf
         self._last = _stacked(moments, "last")
         self.tally = Tally(
@@ -135,14 +135,14 @@ class SeveralMoments:
 
     @property
     def diverged(self) -> float | None:
-        """The latest time at which some had left the finite numbers (s); None if none has."""
+        """Latest time (s) if some realizations have values that are not finite; else None."""
         if np.isfinite(self._last).all():
             return None
         return float(np.nanmax(self._last[:, 0]))
 
 
 def _stacked(parts, name):
-    """An array of several objects as one with a leading axis, of which each keeps its own."""
+    """Stack an attribute of several objects; each object then refers to its row of the stack."""
     stack = np.stack([getattr(part, name) for part in parts])
     for part, row in zip(parts, stack, strict=True):
         setattr(part, name, row)
@@ -153,7 +153,7 @@ def _stacked(parts, name):
 def batch_of(tally: Tally, begin: float, end: float) -> int:
     """The batch of a step between two times; −1 before the start.
 
-    A run's first step is never measured: where it begins is no point of a record.
+    A run's first step is never measured, since its beginning is not a point of a record.
     """
     if begin < tally.start or begin == 0.0:
         return -1
@@ -163,8 +163,9 @@ def batch_of(tally: Tally, begin: float, end: float) -> int:
 
 @uncounted
 def end_batch(tally: Tally, batch: int) -> None:
-    """Add the sums to a batch. Batch −1 is the time before the first one: only its last
-    points are kept."""
+    """Add the sums to a batch. Batch −1 is the time before the first batch: only its last points
+    are stored.
+    """
     quantities = len(QUANTITIES)
     for k in range(tally.wells.size):
         cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
@@ -202,9 +203,9 @@ def add_point(
     own_loss: float,
     state: float,
 ) -> None:
-    """Add one realization's interval from the latest point to this, by trapezoids.
+    """Add one realization's interval from the latest point to this one (trapezoidal rule).
 
-    `cells` are a block's rows, `k` the index in them; the rest as in `Record`.
+    `cells` are a block's rows, `k` the index in them; the other parameters are as in `Record`.
     """
     before = cells[DISPLACEMENT + k]
     interval = time - cells[TIME + k] if measured else 0.0
@@ -263,7 +264,7 @@ def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
 
 @uncounted
 def _reach(tally, cells, realization, k, batch):
-    """Count a jump if a mass outside the well reached last is in the core of another one."""
+    """Count a jump if a mass outside the well reached last is in another well's core."""
     x, v, time = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TIME + k]
     nearest, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
     potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)
@@ -278,7 +279,7 @@ def _reach(tally, cells, realization, k, batch):
 
 @uncounted
 def sample(tally: Tally, time: float) -> None:
-    """Count the latest points, of this time, in the histograms."""
+    """Count the latest points, which have this time, in the histograms."""
     groups = tally.histograms.shape[1]
     length = tally.batch_length * tally.integrals.shape[1] / groups
     group = min(int((time - tally.start) / length), groups - 1)

@@ -1,9 +1,9 @@
 """Distance of a load's capacitors and coils from their steady state at the end of a run.
 
-The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: the distance from y∞ is
-G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
-blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
-within the run, the rest follows from its decay.
+The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0 with G linearised about the means: the
+distance from y∞ is G⁻¹ C times the remaining rate of change of the mean, for any circuit. A diode
+that blocks on average counts as blocking, so this is an upper estimate. If the rate decays during
+the run, the distance follows from its decay.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # The error of a store is relative to its voltage, but at least to this share of the terminal's rms
 # voltage.
 LEAST_HELD = 0.01
-# The charging rates in a run's last two quarters give a time constant if their ratio is below 0.98.
-# The ratio of the two quarters before must agree with it to 20 % of its distance from 1.
+# The charging rates in a run's last two quarters give a time constant if their ratio is below 0.98,
+# and the ratio of the two previous quarters agrees to 20 % of its distance from 1.
 SLOWEST_DECAY, ALIKE = 0.98, 0.2
 
 
@@ -41,9 +41,9 @@ class StoreState:
     ----------
     name, where : as in `circuits.netlist.stores.Store`.
     missing, error
-        Distance from its final value, as a share of its value; standard error.
+        Distance from the final value, as a share of the value; standard error.
     time
-        Relaxation time (s); nan where it could not be determined.
+        Relaxation time (s); NaN if it could not be determined.
     memory
         Correlation time of its charge under noise (s).
     """
@@ -56,9 +56,9 @@ class StoreState:
     memory: float
 
 
-def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
-    """The stores of a scene's load as a run left them; empty without any."""
-    batches, load = complete_batches(moments), ready.scene.load.circuit
+def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
+    """States of the load's stores at the end of a run; empty without stores."""
+    batches, load = complete_batches(moments), prepared_scene.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:
         return []
@@ -71,11 +71,11 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
     )
     time = batches[:, :, QUANTITIES.index("time")]
     mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
-    matrix = _matrix(ready, dict(zip(names, mean, strict=True)))
+    matrix = _matrix(prepared_scene, dict(zip(names, mean, strict=True)))
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
     # Converted to volts, the unit of the levels.
-    volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
-    levels = _Levels(series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
+    volts = prepared_scene.scales.voltage * math.sqrt(max(float(square), 0.0))
+    levels = _Levels(series, time, mean, LEAST_HELD * volts, prepared_scene.scene.excitation.random)
     held = np.array([weights(store, names) for store in load.stores])
     times = [None] * len(held) if matrix is None else times_of(matrix, held)
     return [
@@ -85,7 +85,7 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
 
 
 class _Levels(NamedTuple):
-    """Levels of a run: sums (realizations, batches, names, …), times, means, least held."""
+    """Levels of a run: sums (realizations, batches, names, …), times, means, smallest reference."""
 
     series: np.ndarray
     time: np.ndarray
@@ -94,11 +94,11 @@ class _Levels(NamedTuple):
     random: bool
 
 
-def _matrix(ready, levels):
-    """G⁻¹ C about the means, or None where a slope there is no number."""
+def _matrix(prepared_scene, levels):
+    """G⁻¹ C about the means; None if a derivative there is not finite."""
     from circuits.kernel.slow_modes import relaxation
 
-    matrix = relaxation(ready, levels)
+    matrix = relaxation(prepared_scene, levels)
     return matrix if np.isfinite(matrix).all() else None
 
 
@@ -110,20 +110,19 @@ def _state(store, levels, ends, matrix, times):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # A voltage that swings about 0 has no mean.
+    # A voltage that oscillates about 0 has no mean.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf
     if matrix is not None:
         rates = levels.series[..., CHANGE].sum(axis=(0, 1)) / levels.time.sum()
         by_network = float(ends @ matrix @ rates)
-        # A capacitance that changes has no part in the network.
+        # A variable capacitance is not part of the network.
         if by_network and rate and not abs(missing) < abs(by_network):
             missing, time = by_network, by_network / rate
         memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
-        # There is no time constant: assume that the remaining change is as large as the change
-        # during the run.
+        # Without a time constant, the remaining change is assumed to equal the change in the run.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
@@ -177,10 +176,10 @@ def _error_of_change(changes, random):
     realizations, batches = changes.shape
     if realizations >= FEWEST_BATCHES:
         return float(changes.sum(axis=1).std(ddof=1)) / math.sqrt(realizations)
-    places = np.arange(batches) - 0.5 * (batches - 1)
+    positions = np.arange(batches) - 0.5 * (batches - 1)
     trend = changes.mean(axis=0).mean()
     if batches > 2:
-        trend = trend + places * (changes.mean(axis=0) @ places) / (places @ places)
+        trend = trend + positions * (changes.mean(axis=0) @ positions) / (positions @ positions)
     spread = float((changes - trend).std()) / math.sqrt(realizations)
     # Under noise the changes add up like a random walk; in a periodic motion they cancel.
     return spread * math.sqrt(batches) if random else spread

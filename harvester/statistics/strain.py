@@ -1,4 +1,4 @@
-"""Strain and stress of a beam's layers, and the life of its layers, with error bars."""
+"""Strain, stress and fatigue life of a beam's layers, with error bars."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.statistics.moments import Moments
 
-# The normal distribution's quantile that corresponds to two standard errors.
+# Quantile of the normal distribution for a two-sided 95 % interval.
 TWO_SIDED = 1.959964
-ONE_PEAK = "one realization has one peak: raise run.realizations for an error bar"
-# Quantities that exist only if the scene gives a Basquin's line of its layers.
+ONE_PEAK = "one realization has only one peak: raise run.realizations for an error bar"
+# Quantities that exist only if the scene gives a Basquin curve of its layers.
 LIFE = ("damage_rate", "fatigue_life")
-ONE_PASS = "the peak of one pass without chance"
-NO_CYCLE = "no cycle of strain was seen"
+ONE_PASS = "the peak of one deterministic pass"
+NO_CYCLE = "no strain cycle occurred"
 
 
 def estimate_strain(
     moments: Sequence[Moments], excitation: Excitation, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Strain and stress (Pa) of a set of realizations; their life if there is a Basquin's line.
+    """Strain and stress (Pa) of a set of realizations, and fatigue life if a Basquin curve is
+    given.
 
-    Empty of a scene without a drawing. A peak is the mean over realizations of the greatest
-    magnitude in the measured time. `excitation` says whether realizations differ by chance, and
-    have periods.
+    The result is empty for a scene without a drawing. A peak is the mean over realizations of the
+    largest magnitude in the measured time. `excitation` determines whether realizations are random
+    or periodic.
     """
     batches = complete_batches(moments)
     if batches is None or moments[0].strain is None:
@@ -57,7 +58,7 @@ def estimate_strain(
 
 
 def _peak(peaks, dimension, excitation, error_of):
-    """Mean of the realizations' greatest; of a periodic motion with the batches' scatter."""
+    """Mean of the realizations' maxima; for periodic motion, with the scatter of batches."""
     highest = peaks.max(axis=1)
     count = highest.size
     if not excitation.random:
@@ -68,7 +69,7 @@ def _peak(peaks, dimension, excitation, error_of):
         return Estimate(float(highest[0]), None, None, dimension, ONE_PEAK)
     from scipy.stats import t as student
 
-    # Few realizations: two of these standard errors hold as often as two of a normal mean.
+    # For few realizations the error is widened, so that two of them have the normal coverage.
     wider = float(student.ppf(0.975, count - 1)) / TWO_SIDED
     error = float(highest.std(ddof=1)) / math.sqrt(count) * wider
     return Estimate(float(highest.mean()), error, float(count), dimension)
@@ -84,7 +85,7 @@ def _life(rate):
 
 
 def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
-    """A note where the layers' strain goes beyond the limit of the scene or of their material."""
+    """A note if the layers' strain exceeds the limit of the scene or of their material."""
     if scene.beam is None:
         return ()
     limit, named = scene.beam.limit
@@ -101,8 +102,8 @@ def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
 
 
 def without_line(scene: Scene, name: str) -> str:
-    """Why a scene lacks a fatigue quantity (no Basquin's line); "" if that is not the reason."""
+    """Reason why a fatigue quantity is missing if there is no Basquin curve; else ""."""
     if name not in LIFE or scene.beam is None or scene.beam.fatigue_line is not None:
         return ""
     keys = ", ".join(f"beam.{key}" for key in FATIGUE)
-    return f"{scene.name}: {name} needs a line of Basquin of your layers: give {keys}"
+    return f"{scene.name}: {name} needs the Basquin curve of your layers: give {keys}"

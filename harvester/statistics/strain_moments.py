@@ -13,7 +13,7 @@ from harvester.device.beam.strain import strain_of_layers
 from harvester.device.record import Record
 from harvester.scene.prepared import Prepared
 
-# Columns of `StrainMoments.peaks`; `StrainMoments.squares` has the time before them.
+# Columns of `StrainMoments.peaks`; in `StrainMoments.squares` the time precedes them.
 STRAIN, STRESS = 0, 1
 
 
@@ -27,10 +27,10 @@ class StrainMoments:
     squares
         Time, and time integrals of the strain's and the stress's square; shape (batches, 3).
     peaks
-        Greatest magnitude of strain and stress; shape (batches, 2).
+        Largest magnitude of strain and stress; shape (batches, 2).
     damage
-        Share of the life that the cycles which end in each batch take; None without a line of
-        Basquin, and before the realization's end.
+        Damage by the cycles that end in each batch; None without a Basquin curve, and before the
+        realization's end.
     """
 
     rows: np.ndarray
@@ -39,11 +39,11 @@ class StrainMoments:
     damage: np.ndarray | None = None
 
     @classmethod
-    def of(cls, ready: Prepared, batches: int) -> StrainMoments | None:
-        """Nothing kept yet; None of a scene without a drawing."""
-        if ready.scene.beam is None:
+    def of(cls, prepared_scene: Prepared, batches: int) -> StrainMoments | None:
+        """Empty moments; None for a scene without a drawing."""
+        if prepared_scene.scene.beam is None:
             return None
-        layers, scales = strain_of_layers(ready.scene.beam), ready.scales
+        layers, scales = strain_of_layers(prepared_scene.scene.beam), prepared_scene.scales
         strain = np.array([layers.per_displacement, layers.per_volt])
         stress = layers.modulus * strain + [0.0, layers.stress_per_volt]
         rows = np.array([strain, stress]) * [scales.displacement, scales.voltage]
@@ -51,10 +51,10 @@ class StrainMoments:
 
 
 class StrainWatch:
-    """Adds one realization's record to its `StrainMoments`.
+    """Add one realization's record to its `StrainMoments`.
 
-    `line` holds strain, cycles and exponent of Basquin's line where cycles are to be counted; this
-    needs rainflow, else MissingLibrary is raised.
+    `line`: strain, cycles and exponent of the Basquin curve if cycles are to be counted. This needs
+    the package rainflow; otherwise MissingLibrary is raised.
     """
 
     def __init__(self, moments: Any, line: tuple[float, float, float] | None) -> None:
@@ -79,7 +79,7 @@ class StrainWatch:
             self._turns.append(turns[:count].copy())
 
     def close(self) -> None:
-        """Count the cycles of the whole realization and add up their damage (Miner)."""
+        """Count the cycles of the whole realization and add their damage (Miner's rule)."""
         if self._line is None:
             return
         limit, cycles, exponent = self._line
@@ -96,10 +96,10 @@ class StrainWatch:
 
 @compiled
 def _add_points(time, x, voltage, rows, start, length, squares, peaks, last, turns):
-    """Add points that follow `last`, two rows of (time, strain, stress); counts turning points.
+    """Add points that follow `last`, two rows of (time, strain, stress); count turning points.
 
-    Turning points of the strain are written as (time, strain), the first measured point with them.
-    Between points a peak is the vertex of the parabola through three of them.
+    Turning points of the strain are written as (time, strain), including the first measured point.
+    A peak between points is the vertex of the parabola through three of them.
     """
     count, batches, point = 0, len(squares), np.empty(3)
     for i in range(time.size):
@@ -131,7 +131,7 @@ def _add_points(time, x, voltage, rows, start, length, squares, peaks, last, tur
 
 @compiled
 def _vertex(first, middle, end, k):
-    """The extreme value of the parabola through three points, about the middle one."""
+    """The vertex of the parabola through three points, if it is near the middle one."""
     before, after = first[0] - middle[0], end[0] - middle[0]
     rise, fall = first[k] - middle[k], end[k] - middle[k]
     below = before * after * (before - after)
@@ -145,7 +145,7 @@ def _vertex(first, middle, end, k):
 
 
 def prepare() -> None:
-    """Load the compiled code, so that it does not count as simulation."""
+    """Load the compiled code, so that its time does not count as simulation time."""
     points, nothing = np.zeros(2), np.zeros((1, 3))
     _add_points(
         np.array([0.0, 1.0]), points, points, np.zeros((2, 2)), 0.0, 1.0, nothing, np.zeros((1, 2)),

@@ -1,4 +1,4 @@
-"""Stroboscopic samples of a record: its state at equally spaced times, and means between."""
+"""Stroboscopic samples of a record: its state at equally spaced times, and means between them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from harvester.scene.prepared import Prepared
 from harvester.scene.steps import stop_time
 
 # Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
-# over a period are its means.
+# give means over a period.
 COLUMNS = (
     "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
 )  # fmt: skip
-# Number of first columns that are the state of the motion.
+# Number of leading columns that are the state of the motion.
 STATE = 3
 
 
 class Stroboscope:
-    """Takes samples of one realization's record at `first`, `first + period`, … (s).
+    """Sample one realization's record at `first`, `first + period`, … (s).
 
-    Between the record's points a sample is linear; engines have points at the excitation's knots,
-    and a period is a whole number of these. `samples` has the shape (count, len(COLUMNS)), scaled;
-    NaN at times that the record has not reached yet.
+    Samples are interpolated linearly between the record's points. Engines have points at the
+    excitation's knots, and a period is an integer number of knot spacings. `samples` has the shape
+    (count, len(COLUMNS)), scaled; NaN at times not reached yet.
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:
-        # All earlier by the same, since rounding may put a record's last time before its end: a
-        # shift that grew with time would look like a transient.
+        # Round-off may put a record's last time before its end. All times are reduced by the same
+        # amount, since a shift that grows with time would look like a transient.
         times = first + period * np.arange(count)
         self.times = times - 5e-10 * times[-1:]
         self.samples = np.full((count, len(COLUMNS)), np.nan)
@@ -38,7 +38,7 @@ class Stroboscope:
         self._last: np.ndarray | None = None
 
     def add(self, record: Record) -> None:
-        """Sample one chunk that follows the ones before."""
+        """Sample one chunk of a record, in order."""
         if record.time.size == 0 or self._next == self.times.size:
             return
         if record.time[-1] < self.times[0]:
@@ -51,7 +51,7 @@ class Stroboscope:
         rates = np.array(_rates(record))
         start = self._last
         if start is None:
-            # A record lacks the initial point: times before its first point take that point's
+            # A record lacks the initial point: times before its first point have that point's
             # values.
             start = np.array([*points[1, :4], 0.0, 0.0, 0.0, *rates[:, 0]])
         points[0] = start[: 1 + len(COLUMNS)]
@@ -73,23 +73,23 @@ def _motion(record):
 
 
 def _rates(record):
-    """The integrands: load power, squared voltage, squared displacement."""
+    """Integrands of the means: load power, squared voltage, squared displacement."""
     return record.load_power, record.voltage**2, record.displacement**2
 
 
-def strobe_period(ready: Prepared) -> float:
-    """Time between samples (s): the excitation's period, of its lowest line, else the device's."""
-    excitation = ready.scene.excitation
+def strobe_period(prepared_scene: Prepared) -> float:
+    """Sampling interval (s): the period of the excitation or its lowest line, else the device's."""
+    excitation = prepared_scene.scene.excitation
     if excitation.period is not None and not excitation.random:
         return excitation.period
     if excitation.lines and not excitation.drifts:
         return 1.0 / min(frequency for frequency, _ in excitation.lines)
-    return 2.0 * math.pi / timescales.angular_frequency(ready.system)
+    return 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
 
 
-def strobe_times(ready: Prepared) -> tuple[float, float, int]:
-    """First time (s), time between samples (s) and number of samples of a run, after settling."""
-    period = strobe_period(ready)
-    first = max(math.ceil(ready.scene.run.settle / period - 1e-9), 1) * period
-    count = math.floor((stop_time(ready) - first) / period + 1e-6) + 1
+def strobe_times(prepared_scene: Prepared) -> tuple[float, float, int]:
+    """First time (s) after settling, sampling interval (s) and number of samples of a run."""
+    period = strobe_period(prepared_scene)
+    first = max(math.ceil(prepared_scene.scene.run.settle / period - 1e-9), 1) * period
+    count = math.floor((stop_time(prepared_scene) - first) / period + 1e-6) + 1
     return first, period, max(count, 0)

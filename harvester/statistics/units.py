@@ -1,4 +1,4 @@
-"""The unit of an estimate, in its scene's own units."""
+"""The unit of an estimate in its scene's units."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SI_UNITS = {
 
 
 def unit_of(scene: Scene, dimension: str) -> str:
-    """Unit of a dimension like "voltage^2" in a scene's own units."""
+    """Unit of a dimension such as "voltage^2" in the scene's units."""
     base, _, exponent = dimension.partition("^")
     if base == "1":
         return "1"

@@ -1,13 +1,13 @@
-"""Means of a device whose wells differ, from its jumps between them.
+"""Means for a device with different wells, corrected by the jumps between them.
 
-Realizations begin in successive wells. If a well is left once in a run or less, the time spent
-in each reflects the starts. The rates of jumps do not depend on the starts: the shares of time
-that they keep in balance are the stationary ones. So are the numbers of jumps, each of which sets
-free or takes the energy between two wells. Batches are weighted until the wells have these shares
-and jumps (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted
-Survey Sampling, 1992, chapter 6). A mean's error combines the errors of the means within the wells
-and of the rates, by how much the mean depends on the well; a rate is known no better than its jumps
-are many.
+Realizations start in successive wells. If a well is left once in a run or less, the time in each
+reflects the starts. Jump rates do not depend on the starts, and their balance gives the stationary
+shares of time. It also gives the stationary numbers of jumps, each of which releases or takes the
+energy between two wells. Batches are weighted until the wells have these shares and jumps (a
+regression estimator of survey sampling: Särndal, Swensson and Wretman, Model Assisted Survey
+Sampling, 1992, chapter 6). A mean's error combines the errors of the means within the wells and of
+the rates, weighted by the mean's dependence on the well. The error of a rate follows from the
+number of its jumps.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.statistics.moments import Moments
 
-# Fewest jumps for an error bar: 16 jumps have a relative error of a quarter.
+# Minimum number of jumps for an error bar: 16 jumps have a relative error of a quarter.
 FEWEST_JUMPS = 16.0
 
 
 @dataclass(frozen=True)
 class WellBalance:
-    """Stationary shares of time in the wells, from a run's jumps between them.
+    """Stationary shares of time in the wells, from the jumps between them in a run.
 
     Attributes
     ----------
     counts
-        Jumps from one well (row) to another, of all realizations, those before `run.settle`
-        included; shape (wells, wells).
+        Jumps from one well (row) to another in all realizations, including those before
+        `run.settle`; shape (wells, wells).
     times
-        Time for which each well was the last one reached (s), by the same count.
+        Time for which each well was the last one reached (s), in the same period.
     shares
-        Stationary shares of time by the rates; None where too few wells were reached or left.
+        Stationary shares of time by the rates; None if too few wells were reached or left.
     exchange_time
-        The slowest time in which the wells forget which one was begun in (s).
+        The slowest relaxation time of the shares (s).
     weights
-        Weights of mean 1 with which the mean of `features` is `balanced`; shape (realizations,
+        Weights of mean 1, with which the mean of `features` is `balanced`; shape (realizations,
         batches).
     features
-        Each batch's share of time in each well and its jumps per second, kind by kind;
-        shape (realizations, batches, wells + kinds of jumps).
+        Each batch's share of time in each well, and its jumps per second of each kind; shape
+        (realizations, batches, wells + kinds of jumps).
     balanced
         Stationary means of the features, from the jump rates.
     innovations
-        Deviation of `balanced` by each batch's jumps, more or fewer than the rates
-        expect, were all batches like it; as `features`.
+        Change of `balanced` if all batches deviated from the expected jumps as this batch does;
+        shape of `features`.
     changes
-        Change of `balanced` by one more jump from the first well to the second; shape
-        (wells, wells, wells + kinds of jumps).
+        Change of `balanced` by one more jump from the first well to the second; shape (wells,
+        wells, wells + kinds of jumps).
     """
 
     counts: np.ndarray
@@ -75,8 +75,8 @@ class WellBalance:
     def error(self, series: np.ndarray) -> float | None:
         """Standard error of a mean from the deviations of its weighted batches.
 
-        `series` has the shape (realizations, batches). None where fewer than `FEWEST_JUMPS` jumps,
-        or too few batches, support the error.
+        `series` has the shape (realizations, batches). Returns None if there are fewer than
+        `FEWEST_JUMPS` jumps, or too few batches.
         """
         series = np.asarray(series, dtype=float)
         if self.shares is None:
@@ -95,7 +95,7 @@ class WellBalance:
     def parts(self, series: np.ndarray) -> np.ndarray:
         """Each batch's contribution to a mean's deviation: within the wells, and by its jumps.
 
-        `series` holds deviations of the weighted batches from their mean, shape (realizations,
+        `series` contains deviations of the weighted batches from their mean, shape (realizations,
         batches).
         """
         off = self.weights[:, :, None] * (self.features - self.balanced)
@@ -103,18 +103,18 @@ class WellBalance:
         return series - off @ slopes + self.innovations @ slopes
 
     def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
-        """Standard errors of many means from groups of batches that are independent.
+        """Standard errors of many means from independent groups of batches.
 
-        `series` holds deviations of the weighted groups from their means, shape (realizations ×
-        groups, means). None where fewer than `FEWEST_JUMPS` jumps support one of the means.
+        `series` contains deviations of the weighted groups from their means, shape (realizations ×
+        groups, means). Returns None if one of the means has fewer than `FEWEST_JUMPS` jumps.
         """
         if self.shares is None:
             return None
         count, (realizations, batches) = len(series), self.weights.shape
-        places = _group_of(batches, count // realizations)
+        indices = _group_of(batches, count // realizations)
 
         def joined(rows):
-            groups = [rows[:, places == k].mean(axis=1) for k in range(count // realizations)]
+            groups = [rows[:, indices == k].mean(axis=1) for k in range(count // realizations)]
             return np.stack(groups, axis=1).reshape(count, -1)
 
         off = joined(self.weights[:, :, None] * (self.features - self.balanced))
@@ -126,15 +126,16 @@ class WellBalance:
         parts = within + joined(self.innovations) @ slopes
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
 
-    def _stand_on_enough(self, own, slopes, count):
-        """Whether enough jumps support means with these errors within the wells and these slopes.
+    def _stand_on_enough(self, within, slopes, count):
+        """Whether there are enough jumps for means with these errors within the wells and slopes.
 
-        By Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
+        The criterion is that of Satterthwaite, Biometrics Bull. 2, 110 (1946). A kind of jump that
+        did not occur counts as one jump.
         """
         seen = self.counts[:, :, None] + 1.0
         jumps = (self.changes @ slopes) ** 2 * seen
-        samples = (own**2 + jumps.sum(axis=(0, 1))) ** 2
-        spread = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
+        samples = (within**2 + jumps.sum(axis=(0, 1))) ** 2
+        spread = within**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
         return bool(np.all(samples >= FEWEST_JUMPS * spread))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
@@ -144,7 +145,7 @@ class WellBalance:
 
 
 def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> WellBalance | None:
-    """The balance of a run's jumps; None where wells do not differ or nothing is by chance."""
+    """The balance of a run's jumps; None if wells do not differ or nothing is random."""
     batches, excitation = complete_batches(moments), scene.excitation
     if batches is None or not excitation.random or excitation.drifts:
         return None
@@ -153,9 +154,10 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
         return None
 
     def with_settling(name):
-        # A start at rest is like an arrival by a jump: both are far from the energy at which the
-        # well is left. A well's stays that begin when settling ends would be too short by a
-        # relaxation time: the sums before the first batch, which are the last ones, belong to it.
+        # A start at rest resembles an arrival by a jump: both are far from the energy at which the
+        # well is left. If the time in a well began at the end of settling, it would be too short by
+        # a relaxation time. Therefore the sums before the first batch (the last ones) are added to
+        # it.
         sums = np.stack([getattr(m.jumps, name) for m in moments])
         sums[:, 0] += sums[:, -1]
         return sums[:, :count].copy()
@@ -163,7 +165,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     jumps, times = with_settling("counts"), with_settling("times")
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
-        # All runs stay in the well of the given start: the means hold for this well.
+        # All runs stay in the well of the given start, and the means apply to this well.
         return None
     features = _features(moments, batches, total)
     rates = total / np.maximum(time, np.finfo(float).tiny)[:, None]
@@ -183,7 +185,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
 
 
 def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Moments]:
-    """Moments whose sums have the balance's weights; `jumps` and the last points stay."""
+    """Moments with sums weighted by the balance; `jumps` and the last points are unchanged."""
     if balance is None or balance.shares is None:
         return list(moments)
     return [
@@ -198,7 +200,7 @@ def _slopes(off, series):
 
 
 def _stationary(rates):
-    """(shares or None, time of exchange (s)) of jump rates from row to column (1/s)."""
+    """(shares or None, exchange time (s)) of jump rates from row to column (1/s)."""
     change = rates - np.diag(rates.sum(axis=1))
     decays = np.sort(np.abs(np.linalg.eigvals(change)))
     exchange = 1.0 / decays[1] if decays[1] > 1e-12 * decays[-1] > 0.0 else math.inf
@@ -211,7 +213,7 @@ def _stationary(rates):
 
 
 def _features(moments, batches, total):
-    """Shares of time in the wells and, for each kind of jump that was seen, jumps per second."""
+    """Shares of time in the wells and, for each kind of jump that occurred, jumps per second."""
     count = batches.shape[1]
     stays = np.stack([realization.jumps.times[:count] for realization in moments])
     jumps = np.stack([realization.jumps.counts[:count][:, total > 0.0] for realization in moments])
@@ -219,12 +221,12 @@ def _features(moments, batches, total):
 
 
 def _balanced(rates, shares, seen):
-    """Stationary means of `_features`, and how they change with each rate."""
+    """Stationary means of `_features`, and their derivatives by each rate."""
     flows = (shares[:, None] * rates)[seen]
     of_shares = _changes(rates, shares)
     of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
-    places = np.argwhere(seen)
-    for column, (well, other) in enumerate(places):
+    kinds = np.argwhere(seen)
+    for column, (well, other) in enumerate(kinds):
         of_flows[well, other, column] += shares[well]
     return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
 
@@ -237,7 +239,7 @@ def _changes(rates, shares):
 
 
 def _weights(features, balanced):
-    """1 and a linear function of each batch's features, whose weighted mean becomes `balanced`."""
+    """Weights, linear in each batch's features, with which the weighted mean becomes `balanced`."""
     off = features - features.mean(axis=(0, 1))
     scatter = np.einsum("rbi,rbj->ij", off, off) / off[:, :, 0].size
     missing = balanced - features.mean(axis=(0, 1))
@@ -245,16 +247,16 @@ def _weights(features, balanced):
 
 
 def _group_of(batches, groups):
-    """The group of a realization's histograms in which the middle of each batch lies."""
+    """The group of a realization's histograms that contains the middle of each batch."""
     return ((np.arange(batches) + 0.5) * groups / batches).astype(int)
 
 
 def _weighted(moments, weights):
-    """Shares of one realization; data after the last complete batch have no weight."""
+    """Weighted moments of one realization; data after the last complete batch have no weight."""
     padded = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
-    places = _group_of(len(padded), groups)
-    of_groups = np.bincount(places, padded, groups) / np.bincount(places, minlength=groups)
+    indices = _group_of(len(padded), groups)
+    of_groups = np.bincount(indices, padded, groups) / np.bincount(indices, minlength=groups)
     output = moments.output
     if output is not None:
         output = replace(

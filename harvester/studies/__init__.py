@@ -1,8 +1,8 @@
-"""Studies: many runs of one scene on common noise, with error bars, that survive a kill."""
+"""Studies: many runs of one scene on common noise, with error bars; they can be resumed."""
 
-# The default method of a load study: Monte Carlo, cross-checked with the circuit at some points.
+# Default method of a load study: Monte Carlo, cross-checked with the circuit at some points.
 JUDGED = "judged"
-# Default number of rows of a design of devices.
+# Default number of rows in a design of devices.
 ROWS = 64
-# Default time budget of a load study with a precision, in seconds.
+# Default time budget (s) of a load study with a target precision.
 TIME_BUDGET = 540.0

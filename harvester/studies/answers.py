@@ -1,4 +1,4 @@
-"""Helpers of studies for a runner's answers: checks of method and quantity, values, notes."""
+"""Helpers for studies: check methods and quantities, extract values and notes from answers."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -21,17 +21,17 @@ from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.strain import without_line
 
-# Starts that are drawn at an optimum, without noise: an orbit that a quarter of them reach is
-# missed once in a hundred times.
+# Number of starts drawn at an optimum without noise. Missing an orbit that a quarter of them reach
+# has a probability of 1 %.
 STARTS = 16
 
-SPENT = "time budget spent: with an output folder the same command goes on, or the same call"
+SPENT = "time budget spent: with an output folder, repeat the command or call to continue"
 
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
-    """An engine or a closure that takes the scene's load.
+    """An engine or a closure that accepts the scene's load.
 
-    None means Monte Carlo, or the circuit if only that supports load and excitation.
+    None selects Monte Carlo, or the circuit if only that supports the load and excitation.
     """
     if method is None:
         try:
@@ -48,16 +48,16 @@ def checked_method(scene: Scene, method: str | Method | None) -> Method:
 
 
 def is_noisy(scene: Scene, method: Method) -> bool:
-    """Whether the value depends on the seed."""
+    """Whether the method's values depend on the seed."""
     return isinstance(method, Engine) and scene.excitation.random
 
 
 def check_quantities(
     quantities: Sequence[str], scenes: Iterable[Scene], methods: Sequence[Method]
 ) -> None:
-    """Refuse, before a run, a quantity that none of the scenes has, with the nearest name.
+    """Raise HarvesterError, before a run, if no scene has a quantity; name the nearest quantity.
 
-    The root of a mean square is one of the quantities.
+    The root of a mean square is also a quantity.
     """
     names: dict[str, None] = {}
     if any(isinstance(method, Stationary) for method in methods):
@@ -75,13 +75,13 @@ def check_quantities(
 
 
 def first_answer(runner: Any, request: Request) -> Any:
-    """The answer to a study's first request, or the error that stops the study."""
+    """Return the answer to a study's first request; raise the error that stops the study."""
     (answer,) = successful(runner.answer([request]))
     return answer
 
 
 def successful(outcomes: Sequence) -> Sequence:
-    """Outcomes of runs; raises the error of one that failed, or OutOfTime for a missing one."""
+    """Return the outcomes of runs; raise the error of a failed one, OutOfTime for a missing one."""
     for outcome in outcomes:
         if outcome is None or isinstance(outcome, HarvesterError):
             raise outcome or OutOfTime(SPENT)
@@ -93,31 +93,31 @@ def is_complete(answer: Any) -> bool:
     return not (isinstance(answer, HarvesterError) or answer is None or answer.outcome != COMPLETE)
 
 
-def told(answer: Any) -> str:
+def reason_of(answer: Any) -> str:
     """The reason why a run did not complete."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 
 
 def value_of(answer: Any, quantity: str) -> float:
-    """A quantity in the scene's units; nan if the run failed or ended early."""
+    """A quantity in the scene's units; NaN if the run failed or ended early."""
     return answer.in_units()[quantity].estimate if is_complete(answer) else math.nan
 
 
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
-    """A sentence if the quantity lacks an error bar, as the run was too short; else nothing.
+    """A sentence if the quantity lacks an error bar because the run was too short; else empty.
 
-    `estimate`: the estimate; if it lacks an error bar, its note gives the reason.
+    `estimate`: the quantity's estimate, whose note gives the reason for a missing error bar.
     """
     if estimate.standard_error is not None or not estimate.note:
         return []
     name = quantity.replace("_", " ")
-    return [f"{name}: {estimate.note}; this affects the results found here, too"]
+    return [f"{name}: {estimate.note}; this also affects the results of this study"]
 
 
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:
-    """Scenes with the finest spacing of knots of any: else they would not share their noise.
+    """Scenes with the finest knot spacing among them, so that they have common noise.
 
-    `of`: scenes among which the finest spacing is taken; None: the scenes themselves.
+    `of`: scenes that determine the finest spacing; None: the scenes themselves.
     """
     if has_own_knots(scenes[0]):
         return list(scenes)
@@ -130,12 +130,12 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def longer_runs(scene: Scene) -> str:
-    """Advice for results that differ by no more than their errors."""
+    """Advice for results whose differences do not exceed their errors."""
     return f"raise run.duration = {scene.run.duration:g} (four times as long halves the errors)"
 
 
 def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:
-    """Answers of `engines.runner.Runner.answer` to requests, or OutOfTime."""
+    """Answers of `engines.runner.Runner.answer` to requests; raise OutOfTime if one is missing."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
         raise OutOfTime(SPENT)
@@ -143,7 +143,7 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
 
 
 def orbits_at(scene: Scene, method: Method, runner: Any) -> tuple:
-    """The orbits that drawn starts reach; empty under noise or of a linear device."""
+    """The orbits reached from random starts; empty under noise or for a linear device."""
     if scene.run.starts is None:
         scene = replace(scene, run=replace(scene.run, starts=STARTS))
     request = Request(with_orbit(scene), method)

@@ -1,7 +1,7 @@
 """`frequency_response`: amplitude, voltage and power over the frequency of a sine.
 
-One run per direction goes through the frequencies one after another without a jump in phase, so
-that the device keeps its branch: a difference between up and down is hysteresis.
+One run per direction passes through the frequencies with continuous phase, so that the device stays
+on its branch: a difference between up and down is hysteresis.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ from harvester.statistics.units import SI_UNITS
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# The measurement at a frequency begins when the transient has fallen to this share.
+# The measurement at a frequency begins when the transient has decayed to this share.
 SETTLED_SHARE = 1e-4
-# Longest transient of a load's store that is waited for at a frequency, in periods of the lowest
-# one. A slower store may still charge.
+# Longest waiting time for a load's store at a frequency, in periods of the lowest frequency. A
+# slower store may still be charging.
 MOST_PERIODS = 20_000
-# Most knots of the sine at one frequency. No run with more would end.
+# Maximum number of knots of the sine at one frequency. No run with more would end.
 MOST_KNOTS = 1e10
-# Measured periods of the lowest frequency. The change from their first half to their
-# second is the residual.
+# Number of measured periods of the lowest frequency. The change from their first half to their
+# second half is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
-# Its index among the quantities of a direction.
+# Index of the residual among the quantities of a direction.
 RESIDUAL = 3
 # Quantities and their dimensions.
 QUANTITIES = {
@@ -90,22 +90,22 @@ class FrequencySweep:
     ----------
     direction : "up" or "down".
     displacement_amplitude
-        Half of the distance between the extremes of X, relative to the base.
+        Half the peak-to-peak value of X, relative to the base.
     rms_voltage, mean_power
-        Means over whole periods.
+        Means over an integer number of periods.
     absolute_amplitude
-        Amplitude of the mass relative to the laboratory.
+        Amplitude of the mass in the inertial frame.
     peak_voltage, peak_power
-        The greatest |V| and power into the load.
+        Maxima of |V| and of the power into the load.
     mean_output_voltage, mean_output_power
-        At the load's output; nan without one.
+        At the load's output; NaN if there is none.
     residual
-        Share by which the mean-square voltage changes from the first half of the measured
-        periods to the second: a transient that is left, or a motion without period. With a store
-        slower than `MOST_PERIODS` the share that is missing; above `NOTED_RESIDUAL` the store
-        still charges, and the other quantities are nan.
+        Relative change of the mean-square voltage from the first half of the measured periods to
+        the second: a remaining transient, or aperiodic motion. For a store slower than
+        `MOST_PERIODS`, the estimated missing share; above `NOTED_RESIDUAL` the store is still
+        charging, and the other quantities are NaN.
     step_error
-        Share of the power that the steps may cost; nan if the engine chooses them.
+        Relative error of the power due to the step; NaN if the engine chooses the steps.
     """
 
     direction: str
@@ -128,20 +128,20 @@ class FrequencyResponse(ResultBase):
     Attributes
     ----------
     scene
-        Scene with a sine, whose own frequency is not used.
+        Scene with a sine, whose frequency is ignored.
     frequencies : ndarray, shape (n,)
-        Hz, rising.
+        Frequencies in Hz, ascending.
     sweeps
-        Up, and down where asked for, both in the order of `frequencies`.
+        The upward sweep, and the downward sweep if requested, both in the order of `frequencies`.
     dwell
         Time at each frequency (s).
     seconds
-        Processor time of simulation (s), both directions.
+        Processor time of the simulation (s), both directions.
     shown
-        Quantities of the table and the figure; the JSON has all.
+        Quantities in the table and figure; the JSON contains all.
     per_g : bool
-        Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
-        excitation's amplitude in g, powers over its square.
+        Whether all values are for a base acceleration of 1 g: amplitudes and voltages are divided
+        by the excitation's amplitude in g, powers by its square.
     """
 
     scene: Scene
@@ -173,7 +173,7 @@ class FrequencyResponse(ResultBase):
 
     @property
     def power(self) -> str:
-        """Name of the power that counts: at the output where the load has one."""
+        """Name of the power that is evaluated: at the output if the load has one."""
         return "mean_output_power" if _has_output(self.scene) else "mean_power"
 
     def view(self) -> View:
@@ -225,20 +225,20 @@ class FrequencyResponse(ResultBase):
         """Sentences on the findings, one line each."""
         lines = [
             f"{self.engine}: {self.engine_version}; {self.dwell:.4g} s at each frequency, "
-            f"the transient down to {SETTLED_SHARE:g} within {MOST_PERIODS} periods; "
+            f"the transient decays to {SETTLED_SHARE:g} within {MOST_PERIODS} periods; "
             f"{self.seconds:.2f} s"
         ]
         lines.append(
             "residual: share by which the mean-square voltage changes from the first half of the "
-            "measured periods to the second; the power is known no better"
+            "measured periods to the second; the power is not more accurate"
         )
         costs = np.concatenate([sweep.step_error for sweep in self.sweeps])
         if np.isfinite(costs).any():
             least, most = 100.0 * np.nanmin(costs), 100.0 * np.nanmax(costs)
             where = self.frequencies[np.nanargmax(costs) % self.frequencies.size]
             lines.append(
-                f"the steps cost powers {least:.1g} to {most:.1g} %, most at {where:.4g} Hz; "
-                "step = fine costs a sixteenth of that or less"
+                f"step errors of powers are {least:.1g} to {most:.1g} %, largest at {where:.4g} "
+                "Hz; step = fine reduces them to a sixteenth or less"
             )
         for sweep in self.sweeps:
             name = self.power
@@ -252,7 +252,7 @@ class FrequencyResponse(ResultBase):
                 continue
             best = int(np.nanargmax(getattr(sweep, name)))
             lines.append(
-                f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
+                f"sweep {sweep.direction}: largest {name.removeprefix('mean_').replace('_', ' ')}, "
                 f"{quantity(self.values(name, sweep)[best], self.unit('power'))}, at "
                 f"{self.frequencies[best]:.4g} Hz (residual {sweep.residual[best]:.1e})"
             )
@@ -265,17 +265,17 @@ class FrequencyResponse(ResultBase):
         return lines
 
     def _headline(self) -> str:
-        """The most power, and where it is."""
+        """The largest power and its frequency."""
         if np.isnan([sweep.mean_power for sweep in self.sweeps]).all():
             return f"{CHARGING}: {REASONS[CHARGING]}"
         peaks = [
             (float(np.nanmax(self.values(self.power, s), initial=0.0)), s) for s in self.sweeps
         ]
-        power, sweep = max(peaks, key=lambda each: each[0])
+        power, sweep = max(peaks, key=lambda peak: peak[0])
         frequency = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
-            f"most {words}: {quantity(power, self.unit('power'))} at {frequency:.4g} Hz, sweep "
+            f"largest {words}: {quantity(power, self.unit('power'))} at {frequency:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
 
@@ -304,7 +304,7 @@ class FrequencyResponse(ResultBase):
 
 
 def _draw(response):
-    """Amplitude, rms voltage and mean power over frequency, up and down."""
+    """Draw amplitude, rms voltage and mean power over frequency, up and down."""
     panels = []
     for name in response.shown:
         dimension, series = QUANTITIES[name], []
@@ -328,7 +328,7 @@ def _draw(response):
 
 
 class _Outputs:
-    """Hands a load's output on to the windows of all frequencies."""
+    """Pass a load's output to the time windows of all frequencies."""
 
     def __init__(self, windows: list[Waveform], rows: Sequence[tuple[str, str]]) -> None:
         self._windows = windows
@@ -339,7 +339,7 @@ class _Outputs:
     def add(
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
-        """Points of the voltage, of the measured output power, and of the power of each source."""
+        """Add points of the voltage, the measured output power, and the power of each source."""
         used = values[self._powers].sum(axis=0)
         for window in self._windows:
             window.add_output(voltage, used, *values[self._sources])
@@ -352,72 +352,77 @@ def one_direction(
     report: Callable,
     settings: dict[str, Any] | None = None,
 ) -> tuple[list[tuple[float, ...]], str, float]:
-    """One direction, in a worker process.
+    """Compute one direction in a worker process.
 
-    `engine`, `step`, `settings`: the engine's name, its step, and the options that differ
-    from the defaults.
+    `engine`, `step`, `settings`: the engine's name, its step, and its non-default options.
 
     Returns
     -------
     list of tuple, str, float
-        The scaled quantities of `FrequencySweep` at each frequency, in its order; the engine's
-        version; seconds.
+        The scaled quantities of `FrequencySweep` in order, at each frequency; the engine's version;
+        processor time (s).
     """
     chosen = engine_of(engine, step=step, **settings or {})
-    ready, scene = prepared_scene, prepared_scene.scene
+    prepared_scene, scene = prepared_scene, prepared_scene.scene
     excitation: Any = scene.excitation
-    path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
+    path = excitation.path(knot_spacing(prepared_scene), prepared_scene.excitation_unit, None)
     windows = []
     for number, frequency in enumerate(excitation.frequencies):
         end = (number + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
     output = _Outputs(windows, scene.load.circuit.recorded) if _has_output(scene) else None
-    chosen.prepare(ready)
+    chosen.prepare(prepared_scene)
     clock = time.perf_counter()
-    observers = with_range_watch(ready, [windows])
+    observers = with_range_watch(prepared_scene, [windows])
     outputs = [output] if output else None
-    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
+    outcome = chosen.run_realizations(
+        prepared_scene, [path], [start_state(prepared_scene, 0)], observers, outputs
+    )
     seconds = time.perf_counter() - clock
     rows = []
     for number, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
         record, ends = window.record(), (window.stop, _measured(excitation, frequency))
-        base = excitation.base_displacement(record.time, number) / ready.scales.displacement
+        base = (
+            excitation.base_displacement(record.time, number) / prepared_scene.scales.displacement
+        )
         at_output = (math.nan, math.nan)
         if output:
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
         row = np.array([*_means(record, base, *ends), *at_output])
-        if excitation.dwell < transient_time(ready, SETTLED_SHARE):
-            # The remaining change after a time t is τ/t times the change within it.
-            residual = row[RESIDUAL] * transient_time(ready, math.exp(-1.0)) / (0.5 * ends[1])
+        if excitation.dwell < transient_time(prepared_scene, SETTLED_SHARE):
+            # The remaining change after a time t is τ/t times the change during t.
+            residual = (
+                row[RESIDUAL] * transient_time(prepared_scene, math.exp(-1.0)) / (0.5 * ends[1])
+            )
             row[:] = row if residual <= NOTED_RESIDUAL else math.nan
             row[RESIDUAL] = residual
-        rows.append((*row.tolist(), _step_error(ready, chosen, frequency, *row[1:3])))
+        rows.append((*row.tolist(), _step_error(prepared_scene, chosen, frequency, *row[1:3])))
     return rows, outcome["engine_version"], seconds
 
 
 def _step_error(stepped, engine, frequency, rms_voltage, power):
-    """Share of the power at a frequency that the steps may cost; nan if the engine chooses them."""
+    """Relative error of the power due to the step; NaN if the engine chooses the steps."""
     if engine.chooses_steps:
         return math.nan
     scene, spacing = stepped.scene, knot_spacing(stepped)
     sine = Sine(scene.excitation.amplitude, frequency, knot_spacing=spacing)
-    ready = stepped.replace(excitation=sine)
+    prepared_scene = stepped.replace(excitation=sine)
     steps = steps_per_sample(stepped, engine.step, engine.name)
-    cost = step_error(ready, spacing / steps, engine.name)
-    return cost * faintness(susceptance(ready) * rms_voltage**2, power)
+    cost = step_error(prepared_scene, spacing / steps, engine.name)
+    return cost * faintness(susceptance(prepared_scene) * rms_voltage**2, power)
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
-    """Frequencies in Hz in rising order, each once, from a list, generator, array or number."""
-    one = [frequencies] if isinstance(frequencies, numbers.Real) else frequencies
-    rising = np.unique(real_numbers(one, "frequencies", "[10.0, 12.5]"))
+    """Unique frequencies in Hz in ascending order, from a list, generator, array or number."""
+    listed_frequencies = [frequencies] if isinstance(frequencies, numbers.Real) else frequencies
+    rising = np.unique(real_numbers(listed_frequencies, "frequencies", "[10.0, 12.5]"))
     if rising[0] <= 0.0:
         raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     return rising
 
 
 def with_sine(scene: Scene, amplitude: float | None) -> Scene:
-    """The scene under a sine; its frequency is not used."""
+    """The scene under a sine, whose frequency is ignored."""
     if amplitude is None:
         if not isinstance(scene.excitation, Sine):
             raise HarvesterError(
@@ -440,24 +445,29 @@ def quantities_of(scene: Scene) -> list[str]:
 
 
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
-    """Quantities to show, by default the usual ones and the output's.
+    """Quantities to show, by default the usual ones and those of the output.
 
-    Raises HarvesterError: no such quantity, or per g in a scaled scene.
+    Raises HarvesterError for an unknown quantity, or per g in a scaled scene.
     """
     if per_g and scene.units != "SI":
-        raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
+        raise HarvesterError(f'{scene.name}: --per-g: is not available with units = "scaled"')
     chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]', str)
     available = quantities_of(scene)
     usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))
     return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
-def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
-    """The scene with a sine that dwells at each frequency until the transient is gone."""
-    scene = ready.scene
-    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
+def stepped(prepared_scene: Prepared, frequencies: np.ndarray) -> Scene:
+    """The scene with a sine that dwells at each frequency until the transient has decayed."""
+    scene = prepared_scene.scene
+    motion = (
+        2.0
+        * math.pi
+        / timescales.fastest_angular_frequency(prepared_scene.system)
+        / KNOTS_PER_PERIOD
+    )
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
-    dwell = transient_time(ready, SETTLED_SHARE, MOST_PERIODS / frequencies.min())
+    dwell = transient_time(prepared_scene, SETTLED_SHARE, MOST_PERIODS / frequencies.min())
     dwell += MEASURED_PERIODS / frequencies.min()
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
@@ -473,17 +483,19 @@ def stepped(ready: Prepared, frequencies: np.ndarray) -> Scene:
 
 
 def _measured(excitation, frequency):
-    """Even number of whole periods, at least as long as the periods of the lowest frequency."""
+    """Even number of whole periods, at least as long as the measured periods of the lowest
+    frequency.
+    """
     longest = MEASURED_PERIODS / min(excitation.frequencies)
     return 2 * math.floor(0.5 * longest * frequency + 1e-9) / frequency
 
 
 def _means(record, base, stop, measured):
-    """`FrequencySweep`'s quantities without the output's, over the last whole periods."""
+    """`FrequencySweep`'s quantities over the last whole periods, except those of the output."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]
-    # Amplitudes: half of the distances between the extremes.
+    # Amplitudes are half the peak-to-peak values.
     relative, absolute = (
         0.5 * (_peak(times, x[inside]) + _peak(times, -x[inside]))
         for x in (record.displacement, base + record.displacement)
@@ -504,7 +516,7 @@ def _means(record, base, stop, measured):
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods.
 
-    Power from sources of the load is no harvested power.
+    The power excludes that of the load's sources.
     """
     voltage, used, *sources = outputs
     ends = (stop - measured, stop)
@@ -512,12 +524,12 @@ def _output_means(times, outputs, stop, measured, conductance):
     power = _integrals(times, conductance * voltage**2 + used, ends) / measured
     means = (_integrals(times, source, ends)[0] / measured for source in sources)
     least = LEAST_SUPPLY * abs(power[0])
-    supplied = sum(-taken for taken in means if -taken > least)
+    supplied = sum(-taken_power for taken_power in means if -taken_power > least)
     return float(mean[0]), float(power[0] - supplied)
 
 
 def _peak(times, values):
-    """The greatest value, between points by a parabola through three of them."""
+    """The maximum, interpolated by a parabola through three points."""
     times, first = np.unique(times, return_index=True)
     values = values[first]
     peak = int(np.clip(np.argmax(values), 1, values.size - 2))
@@ -528,13 +540,13 @@ def _peak(times, values):
 
 
 def _integrals(times, values, edges):
-    """Integrals between neighbouring edges, trapezoidal with values linear between points."""
+    """Trapezoidal integrals between consecutive edges, with linear interpolation between points."""
     steps = 0.5 * np.diff(times) * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])
     integrals = []
     for edge in edges:
-        # Where a switch turns there are two points at the same time. The interval found has a
-        # length above 0.
+        # At a switching event two points have the same time. The interval found has a positive
+        # length.
         index = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
         since = edge - times[index]
         slope = (values[index + 1] - values[index]) / (times[index + 1] - times[index])

@@ -1,4 +1,4 @@
-"""The points of a study: every load at every point of the swept values, on common noise."""
+"""The points of a study: every load at every combination of swept values, on common noise."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from harvester.scene.numbers import numbers
 from harvester.scene.steps import has_own_knots, spacing_of
 from harvester.scene.tables import all_keys
 
-# Either key names the load's resistor, be it the built-in one or a netlist's parameter.
+# Both keys refer to the load's resistor, whether built-in or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
-# Keys of [run] with whole numbers.
+# Keys of [run] with integer values.
 WHOLE = ("run.seed", "run.realizations")
-# Least settling time of a realization, in time constants of the load's output.
+# Minimum settling time of a realization, in time constants of the load's output.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
 GRID_WRITTEN = 'over={"load.resistance": [1e4, 1e5]}'
@@ -34,7 +34,7 @@ class GridPoint:
     load
         The load's label.
     place
-        Value of each sweep.
+        Value of each swept key.
     """
 
     load: str
@@ -44,18 +44,18 @@ class GridPoint:
 
 @dataclass(frozen=True)
 class Grid:
-    """The loads and the swept values of a study, with the scene of every point.
+    """The loads and swept values of a study, with the scene of every point.
 
     Attributes
     ----------
     scene
-        The scene, with one knot spacing for all points.
+        The scene, with the knot spacing common to all points.
     loads
         Labels.
     sweeps
-        Keys to values.
+        The swept values by key.
     points
-        Loads first, the last sweep fastest.
+        The points in order: the load varies slowest, the last sweep fastest.
     """
 
     scene: Scene
@@ -71,7 +71,7 @@ class Grid:
 
     @property
     def curve(self) -> int | None:
-        """Index of the sweep along which optima are sought: the longest one."""
+        """Index of the longest sweep, along which optima are sought."""
         lengths = [len(values) for values in self.sweeps.values()]
         return lengths.index(max(lengths)) if lengths else None
 
@@ -82,20 +82,21 @@ def make_grid(
     sweeps: Mapping[str, Sequence[Any]],
     any_key: bool = False,
 ) -> Grid:
-    """Every point of a study, its scene checked.
+    """Build a study's grid; check the scene of every point.
 
     Parameters
     ----------
     loads
-        Names in netlists/ or paths; empty: the scene's own.
+        Names in netlists/ or paths; empty: the scene's load.
     sweeps : "table.key" to values.
     any_key : bool
-        Whether words and all keys are allowed, not numbers of device, load and excitation alone.
+        Whether all keys and text values are allowed, rather than only numbers of device, load and
+        excitation.
 
     Raises
     ------
     HarvesterError
-        An unknown key or load, a value out of range, a load given twice.
+        An unknown key or load, a value out of range, a repeated load.
     """
     written = 'loads=["bridge"]'
     loads = [str(k) if isinstance(k, Path) else k for k in listed(loads, "loads", written)]
@@ -109,7 +110,7 @@ def make_grid(
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
-            raise HarvesterError(f"--load {label}: is there twice")
+            raise HarvesterError(f"--load {label}: occurs twice")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, any_key, loaded)
@@ -143,7 +144,7 @@ def _with_load(scene, load):
 
 
 def _check_sweep(scene, key, values, any_key, loaded):
-    """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
+    """Raise if a sweep has no list of values, or its key is not a number of this scene."""
     loads = (loaded_scene.load for loaded_scene in loaded.values())
     parameters = [name for load in loads if load.netlist for name in load.circuit.values]
     parameter_keys = (f"load.parameters.{name}" for name in parameters)
@@ -152,7 +153,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
     listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in all_keys()):
         raise HarvesterError(
-            f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
+            f"{option} {key}: not a number of this scene{nearest(key, number_keys)}; there are "
             f"{', '.join(number_keys)}"
         )
     for value in values:
@@ -165,7 +166,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
 
 
 def _check_shared(where, key, value, loaded):
-    """Raise if some of the loads lack a parameter; if all lack it, the message names one."""
+    """Raise if some of the loads lack a parameter; if all lack it, the message names one load."""
     lacking = {}
     for label, scene in loaded.items():
         try:
@@ -179,13 +180,13 @@ def _check_shared(where, key, value, loaded):
         ]
         raise HarvesterError(
             f"{where}: {', '.join(having)} {'has' if len(having) == 1 else 'have'} this parameter, "
-            f"and not {', '.join(lacks)}: give it the same name in all these netlists, or study "
+            f"but {', '.join(lacks)} not: give it the same name in all these netlists, or study "
             "the loads separately"
         )
 
 
 def _at(scene, values):
-    """The scene at these values; a resistance key is translated to the key that the load uses."""
+    """The scene with these values; a resistance key is translated to the one that the load uses."""
     changes = {}
     for key, value in values.items():
         if key in RESISTANCES:
@@ -193,16 +194,16 @@ def _at(scene, values):
             if scene.load.decay_rate is not None:
                 if value == 0.0:
                     raise HarvesterError(f"--sweep {RESISTANCES[1]}: 0: must be a number > 0")
-                # In scaled scenes the resistor is given by λ = 1/R.
+                # In scaled scenes λ = 1/R gives the resistor.
                 key, value = "load.decay_rate", 1.0 / value
         changes[key] = int(value) if key in WHOLE and value % 1 == 0 else value
     return scene.replace(changes)
 
 
 def _with_storage(points):
-    """Storage capacitors of the library's loads small enough to charge while a run settles.
+    """Reduce storage capacitors of built-in loads so that they charge while a run settles.
 
-    Unless the user gives one: at 10 MΩ the library's 10 µF would take minutes.
+    A value given by the user is kept. The default of 10 µF would take minutes at 10 MΩ.
     """
     changed = []
     for k, point in enumerate(points):
@@ -220,15 +221,15 @@ def _with_storage(points):
     if not changed:
         return points, ()
     return points, (
-        f"storage capacitor of {', '.join(dict.fromkeys(changed))}: the netlist's own, or what "
-        f"charges with a time constant of settle/{CHARGING_TIMES:g} = "
-        f"{settle / CHARGING_TIMES:g} s where that is smaller; swept values of "
-        "load.parameters.storage set others",
+        f"storage capacitor of {', '.join(dict.fromkeys(changed))}: the netlist's value, or the "
+        f"one that charges with a time constant of settle/{CHARGING_TIMES:g} = "
+        f"{settle / CHARGING_TIMES:g} s if this is smaller; swept values of "
+        "load.parameters.storage override it",
     )
 
 
 def _on_common_knots(points):
-    """All points with the finest spacing of any: else they would not share their noise."""
+    """Give all points the finest knot spacing among them, so that they have common noise."""
     spacings = [spacing_of(point.scene) for point in points]
     if min(spacings) == max(spacings) and has_own_knots(points[0].scene):
         return points

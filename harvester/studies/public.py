@@ -1,7 +1,7 @@
-"""The studies that users call.
+"""Public studies.
 
-A signature and its docstring are the options of a command and their help; what computes is imported
-inside, so that reading them needs no numba.
+A signature and its docstring define the options of a command and their help. Functions import their
+implementations, so that reading the options does not import numba.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def validate(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     workers : int or None
-        Processes (default: one a core).
+        Number of processes (default: one per core).
     time_limit : float
         Wall-clock limit of one realization.
 
@@ -89,7 +89,7 @@ def validate(
         See `harvester.simulate`.
     progress : callable or False or None
         Called with the finished share, 0 … 1, and the current method. None shows a bar in a
-        notebook, False none.
+        notebook, False shows none.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def validate(
 
 
 def _averaged(scene):
-    """The scene by all closures, and why others refuse it."""
+    """Results of the valid closures, and the reasons why others are not valid."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
 
@@ -175,15 +175,15 @@ def frequency_response(
     amplitude : float or None
         Amplitude of the base acceleration, m/s² in SI (default: the amplitude of the scene's sine).
     down : bool
-        Sweep down as well, to show hysteresis: it is where the two differ.
+        Also sweep down, to show hysteresis as a difference between the sweeps.
     quantities : sequence of str
         Quantities to show, one or several of: displacement_amplitude (of the tip, relative to the
         base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
         an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
         mean_power and the output's quantities).
     per_g : bool
-        All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
-        this amplitude alone.
+        Normalise to a base acceleration of 1 g: values per g, powers per g². For a nonlinear device
+        they are valid only at the given amplitude.
     method : str or Method
         monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
     step : str or float
@@ -200,8 +200,8 @@ def frequency_response(
     Notes
     -----
     The excitation is deterministic, so there is no statistical error. `FrequencySweep.residual`
-    shows how far the motion is from a settled, periodic one. The error of the step, of second
-    order in the circuit, shows when `step` is halved.
+    measures the deviation from settled, periodic motion. A run with half the `step` shows the step
+    error, which is of second order in the circuit.
 
     Examples
     --------
@@ -261,14 +261,14 @@ def spectrum(
     breakpoints: int = 20,
     mend: Faults = (),
 ) -> SpectrumAnalysis:
-    """Density of a scene's excitation or of a record, its moments, and a specification of it.
+    """Spectral density of a scene's excitation or a record, its moments, and a test specification.
 
     Parameters
     ----------
     source : Scene, str or Path
         A scene, its file (.toml) or its built-in name; else a record's file.
     device : Scene, str, Path or None
-        For a record: the scene whose device's band is looked at.
+        For a record: the scene of the device whose resonance is evaluated.
     column : str or None
         For a record: name or number of the acceleration's column.
     unit : str or None
@@ -278,12 +278,12 @@ def spectrum(
     resolution : float or None
         Bandwidth of the density (Hz); default: the bandwidth of 64 segments.
     duration : float or None
-        For a scene: how long its excitation is drawn (s); left out: run.duration.
+        For a scene: duration of the generated excitation (s; default: run.duration).
     breakpoints : int
-        Largest number of breakpoints in the specification: a scene with kind = "spectrum" takes its
-        file.
+        Maximum number of breakpoints in the specification, whose file a scene with kind =
+        "spectrum" can use.
     mend : sequence of str
-        For a record: faults to mend, as in a scene: nan, uneven, clipped.
+        For a record: faults to repair, as in a scene: nan, uneven, clipped.
 
     Raises
     ------
@@ -305,10 +305,10 @@ def spectrum(
         for option, value in {"device": device, "column": column, "unit": unit}.items():
             if value is not None:
                 of_scene = getattr(source, "name", source)
-                raise HarvesterError(f"{option}: is for a record, and {of_scene} is a scene")
+                raise HarvesterError(f"{option}: is for a record, but {of_scene} is a scene")
         return work.of_scene(scene_of(source), duration, resolution, breakpoints)
     if duration is not None:
-        raise HarvesterError("duration: is for a scene; a record is taken whole")
+        raise HarvesterError("duration: is for a scene; a record is analysed completely")
     number: Any = int(column) if column is not None and column.isdigit() else column
     faults = [*listed(mend, "mend", 'mend=["nan"]', str)]
     keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": faults}
@@ -327,14 +327,14 @@ def sweep(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Sweep:
-    """A scene at every point of a grid of values by every method, all on the same noise.
+    """Simulate a scene at every point of a grid with every method, all on the same noise.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
-        Any key of the scene and its values, numbers or words, such as
+        Any key of the scene and its values, numbers or texts, such as
         {"load.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
@@ -342,11 +342,10 @@ def sweep(
         Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
-        Relative standard error that each point is run for by the engines; None: the scene's own
-        run.
+        Target relative standard error of each point by the engines; None: use the scene's number of
+        realizations.
     step : str or float
-        default, fine, finest, or the longest step in seconds, of the engines that are given by
-        their names.
+        default, fine, finest, or the longest step in seconds, for engines given by name.
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
@@ -355,7 +354,7 @@ def sweep(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its point.
+        A mistake in the call. A failed simulation is the outcome of its point.
 
     Examples
     --------
@@ -376,7 +375,7 @@ def sweep(
     names = [method.name for method in chosen]
     labels = tuple(m.label if names.count(m.name) > 1 else m.name for m in chosen)
     if not methods or len(set(labels)) < len(methods):
-        raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
+        raise HarvesterError(f"methods = {list(labels)}: give at least one, and each once")
     quantities = listed(quantities, "quantities", 'quantities=["mean_power"]', str)
     grid = make_grid(scene, (), over, any_key=True)
     check_quantities(quantities, [point.scene for point in grid.points], chosen)
@@ -413,38 +412,37 @@ def load_study(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> LoadStudy:
-    """Loads over a grid of values on the same noise: power, optimum, ranking.
+    """Compare loads over a grid of values on the same noise: power, optimum, ranking.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one.
-        With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
-        and as many run as the precision needs, at most `MOST_REALIZATIONS`.
+        With a precision, the measured time of a realization is limited to `DURATION_OVER_SETTLE`
+        times the settling time, and their number is as required, at most `MOST_REALIZATIONS`.
     loads : sequence of str
-        A load of netlists/ or a file; several may be given (default: the scene's own).
+        A load of netlists/ or a file; several may be given (default: the scene's load).
     over : dict of str to sequence of float
         Numbers of the scene and their values, such as
         {"load.parameters.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     method : str or Method
-        judged: monte-carlo, with the circuit on the same noise at the optima and at points drawn
-        at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
-        alone); monte-carlo or circuit alone; for a resistor also a closure.
+        judged: monte-carlo, cross-checked with the circuit on the same noise at the optima and at
+        random points (`harvester.studies.loads.proof`; loads that only the circuit supports are run
+        by it alone); monte-carlo or circuit alone; for a resistor also a closure.
     precision : float or None
-        Relative standard error of the output power that every point is run for (default: the
-        scene's own run).
+        Target relative standard error of the output power at every point (default: use the scene's
+        number of realizations).
     step : str or float
         default, fine, finest, or the longest step in seconds.
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.open_runner`; with a precision the time budget is `TIME_BUDGET`
-        where none is given.
+        See `harvester.open_runner`; with a precision the default time budget is `TIME_BUDGET`.
 
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its point.
+        A mistake in the call. A failed simulation is the outcome of its point.
 
     Examples
     --------
@@ -473,7 +471,7 @@ def load_study(
     grid = make_grid(scene, loads, over or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner, runner.in_stages() as stages:
-        # Checked here already, so that a machine without ngspice raises before any work.
+        # Checked before any work, so that a machine without ngspice fails at once.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
@@ -514,45 +512,43 @@ def sensitivity(
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Sensitivity:
-    """Tolerances: which parameter matters (Sobol indices), how a quantity scatters, and yield.
+    """Tolerances: effect of each parameter (Sobol indices), scatter of a quantity, and yield.
 
     Parameters
     ----------
-    scene : Scene
-        The scene; each device runs with its [run], half of the realizations for each of two
-        replicates.
+    The scene; each device has its [run], with half of the realizations for each of two replicates.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
         see `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file
-        JSON of `harvester identify`: its values scatter as far as records leave them open, along
-        the principal axes (`harvester.studies.sensitivity.tolerances`).
+        JSON of `harvester identify`: parameters scatter according to their uncertainty, along the
+        principal axes (`harvester.studies.sensitivity.tolerances`).
     quantity : str or None
-        mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
-        (default: the power, at the output where the load has one).
+        mean_power, power_conversion_efficiency, for a load with an output mean_output_power, …
+        (default: the power, at the output if the load has one).
     method : str, Method or None
-        An engine or a closure (default: monte-carlo, or circuit where the load needs it).
+        An engine or a closure (default: monte-carlo, or circuit if the load needs it).
     above : float or None
-        Also the yield: the share of devices above it, in the scene's units.
+        Also estimate the yield, the share of devices above this limit in the scene's units.
     rows : int
-        A power of two; N × (parameters + 2) devices are run.
+        Number N of rows, a power of two; N × (parameters + 2) devices are simulated.
     precision : float or None
-        Relative standard error of each device's quantity that it is run for, in each of two runs
-        (default: the scene's own run). Noise is taken out at any length of run: few rows of long
-        runs and many of short ones cost the same.
+        Target relative standard error of each device's quantity in each of two runs (default: use
+        the scene's number of realizations). The noise is removed for any length of run: a few rows
+        of long runs and many rows of short runs cost the same.
     **running
         See `harvester.open_runner`.
 
     Raises
     ------
     HarvesterError
-        A mistake in the call, or nothing that indices could be made from.
+        A mistake in the call, or no data for indices.
     OutOfTime
-        Fewer rows than indices need.
+        Too few rows for indices.
 
     Notes
     -----
-    See `harvester.studies.sensitivity.sobol` for the estimators and the removal of the noise.
+    See `harvester.studies.sensitivity.sobol` for the estimators and the removal of noise.
 
     Examples
     --------
@@ -573,7 +569,7 @@ def sensitivity(
         axes = directions(scene, covariance)
         for key in varied:
             if axes and key in axes[0].centre:
-                raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
+                raise HarvesterError(f"--vary {key}: the covariance already contains its scatter")
         tolerances += axes
     if not tolerances:
         raise HarvesterError(
@@ -613,52 +609,54 @@ def optimum(
     ----------
     scene : Scene, str or Path
         The scene; its [run] is used first at each point (over one parameter), or for each
-        evaluation (over several).
-    over : str, or dict of str to (float, float) or None
+        The scene. Its [run] is that of the first runs at each point (one parameter), or of each
+        evaluation (several parameters).
         A number of the scene and its range (default: a tenth to ten times its value, within the
-        limits that the key allows); several may be given.
+        key's limits); several may be given.
     low : float or None
-        Range of a single parameter.
+        Lower end of the range of a single parameter.
     high : float or None
-        Upper end of that range.
+        Upper end of this range.
     maximise : str or None
-        mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
-        also mean_output_power and the like; over several parameters any (default: the power, at
-        the output where the load has one).
+        mean_power, power_conversion_efficiency or mean_square_voltage; for a load with an output
+        also mean_output_power etc.; for several parameters any quantity (default: the power, at the
+        output if the load has one).
     method : str, Method or None
-        monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs
-        it). A method without noise determines the optimum to its own precision.
+        monte-carlo, circuit or a closure (default: monte-carlo, or circuit if the load needs it). A
+        method without noise determines the optimum to its own precision.
     closure : str or None
-        Closure to compare the simulation with, over one parameter (default: the most accurate).
+        Closure compared with the simulation, for one parameter (default: the most accurate).
     evaluations : int or None
-        Points proposed, over several parameters (default: 60 for each), or of the grid of one
-        parameter by a closure (17). The climb adds some tens of points.
+        Number of proposed points for several parameters (default: 60 for each), or of grid points
+        for one parameter by a closure (17). The climb adds some tens of points.
     precision : float or None
-        Relative standard error of the value at the optimum (default: the scene's own run).
+        Target relative standard error of the value at the optimum (default: use the scene's number
+        of realizations).
     **running
         See `harvester.open_runner`.
 
     Returns
     -------
     Optimum
-        Over one parameter, averaging and simulation are compared, and the optimum has an interval;
-        over several the value has one.
+        For one parameter, averaging and simulation are compared, and the optimum has an interval;
+        for several, the value has one.
 
     Raises
     ------
     HarvesterError
-        No such key, or no range.
+        An unknown key, or an empty range.
     OptimumError
-        The largest value lies at an end of the range, or no maximum exceeds the noise.
+        The largest value is at an end of the range, or no maximum exceeds the noise.
     SimulationError
-        A run failed; `OutOfTime` where the time is spent.
+        A run failed; `OutOfTime` if the time budget is spent.
     MissingLibrary
         Several parameters need Optuna, which is not installed.
 
     Notes
     -----
-    The points proposed over several follow from the seed and the answers alone: with `output` the
-    same call after a kill reuses finished answers and gives the same result.
+    The points proposed for several parameters depend only on the seed and the answers. Therefore an
+    interrupted call with `output`, when repeated, reuses finished answers and gives the same
+    result.
 
     Examples
     --------
@@ -684,7 +682,7 @@ def optimum(
     if low is not None or high is not None:
         if len(ranges) > 1 or [*ranges.values()] != [None]:
             raise HarvesterError(
-                "--from and --to: are the range of a single --over TABLE.KEY; else write "
+                "--from and --to: are for a single --over TABLE.KEY; otherwise write "
                 "--over TABLE.KEY=LOW:HIGH"
             )
         ranges = dict.fromkeys(ranges, (low, high))
@@ -692,8 +690,8 @@ def optimum(
     maximise = maximise or _power_of(scene)
     limited = scene.beam is not None and scene.beam.strain_limit is not None
     chosen = checked_method(scene, method)
-    # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
-    # So is one of a closure, which has no noise.
+    # A maximum on a limit has no peak to which a curve can be fitted, and a closure has no noise:
+    # both use the search for several parameters.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
     if evaluations is not None and is_one:
         raise HarvesterError("--evaluations: is for several parameters, a second --over")
@@ -708,32 +706,32 @@ def optimum(
         check_quantities([maximise], [scene], [chosen])
     if limited and not isinstance(chosen, Engine):
         raise HarvesterError(
-            f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
-            "monte-carlo or circuit, or the limit out"
+            f"{scene.name}: beam.strain_limit: {chosen.name} computes no peak strain; use --method "
+            "monte-carlo or circuit, or remove the limit"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
     with contextlib.ExitStack() as opened:
         runner = opened.enter_context(open_runner(**running))
         stages = opened.enter_context(runner.in_stages())
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
+            result = along(scene, axes[0], maximise, chosen, closure, runner, stages, precision)
         else:
-            found = over_several(
+            result = over_several(
                 scene, axes, maximise, chosen, runner, stages, evaluations, precision
             )
-        location = {parameter.axis.key: parameter.place for parameter in found.parameters}
+        location = {parameter.axis.key: parameter.place for parameter in result.parameters}
         orbits = orbits_at(scene.replace(location), chosen, runner)
-    return replace(found, orbits=orbits, seconds=time.perf_counter() - clock)
+    return replace(result, orbits=orbits, seconds=time.perf_counter() - clock)
 
 
 def _power_of(scene):
-    """The power that a load is for: at its output where it has one."""
+    """The power to maximise: at the load's output if it has one."""
     load = scene.load.circuit
     return "mean_output_power" if load and load.has_output else "mean_power"
 
 
 def _ends(key, ends):
-    """Both ends of a range; two Nones if the range follows from the scene's value."""
+    """Both ends of a range; None, None if the range follows from the scene's value."""
     if ends is None:
         return None, None
     pair = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")

@@ -80,8 +80,8 @@ def of_scene(
     from harvester.scene.prepared import prepared
     from harvester.scene.steps import knot_spacing
 
-    ready = prepared(scene)
-    spacing = knot_spacing(ready)
+    prepared_scene = prepared(scene)
+    spacing = knot_spacing(prepared_scene)
     seconds = duration or scene.run.duration
     if seconds > MOST_VALUES * spacing:
         raise HarvesterError(
@@ -91,9 +91,9 @@ def of_scene(
     count = int(seconds / spacing)
 
     def blocks(size: int) -> Iterator[np.ndarray]:
-        path = noise_path(ready, 0)
+        path = noise_path(prepared_scene, 0)
         for first in range(0, count, size):
-            yield ready.excitation_unit * path.read(min(size, count - first))
+            yield prepared_scene.excitation_unit * path.read(min(size, count - first))
 
     profiled = _specified(scene.excitation, seconds, spacing)
     return _analysed(
@@ -187,16 +187,16 @@ def _sums(blocks, count, interval, size):
     # Whole segments with an overlap of half of one: the density is their mean, block after block.
     total, segments = np.zeros(size // 2 + 1), 0
     powers, position = np.zeros((STRETCHES, 4)), 0
-    left = np.empty(0)
+    remainder = np.empty(0)
     for block in blocks(max(size, BLOCK)):
-        left = np.append(left, block)
-        many = (left.size - size) // (size // 2) + 1
+        remainder = np.append(remainder, block)
+        many = (remainder.size - size) // (size // 2) + 1
         if many > 0:
             end = size + (many - 1) * (size // 2)
-            _, density = signal.welch(left[:end], 1.0 / interval, nperseg=size, detrend=False)
+            _, density = signal.welch(remainder[:end], 1.0 / interval, nperseg=size, detrend=False)
             total += many * density
             segments += many
-            left = left[many * (size // 2) :]
+            remainder = remainder[many * (size // 2) :]
         ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - position, block.size)
         starts = np.clip(np.arange(STRETCHES) * stretch - position, 0, block.size)
         for which in np.flatnonzero(ends > starts):
@@ -417,8 +417,8 @@ class SpectrumAnalysis(ResultBase):
         runs, probability = self.runs_test()
         squares, centre = self.moments[:, 1], self.frequencies @ self.density / self.density.sum()
         differ = len(squares) / (2.0 * math.pi * centre * self.duration)
-        few = 2 * runs < len(squares) and probability < 1.0 - CONFIDENCE
-        return bool(few and squares.std() > differ * squares.mean())
+        has_few_runs = 2 * runs < len(squares) and probability < 1.0 - CONFIDENCE
+        return bool(has_few_runs and squares.std() > differ * squares.mean())
 
     def device_band(self) -> tuple[float, float, float] | None:
         """Frequency and half-power width of the device (Hz), and the share of the power in it."""
@@ -557,11 +557,11 @@ def _draw(analysis):
 
 def _central(moments):
     """Central moments of second, fourth and third order from mean powers 1 to 4."""
-    one, two, three, four = moments
+    first, two, three, four = moments
     return (
-        two - one**2,
-        four - 4.0 * three * one + 6.0 * two * one**2 - 3.0 * one**4,
-        three - 3.0 * two * one + 2.0 * one**3,
+        two - first**2,
+        four - 4.0 * three * first + 6.0 * two * first**2 - 3.0 * first**4,
+        three - 3.0 * two * first + 2.0 * first**3,
     )
 
 

@@ -1,4 +1,4 @@
-"""A scene over a grid of values by several methods, as one tidy table."""
+"""A scene over a grid of values by several methods, as a tidy table."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Points of print between the markers of two engines at the same point.
+# Horizontal distance in points between the markers of two engines at the same point.
 APART = 6.0
-# Width of the first line, and by how much each further one is thinner: thin over thick shows both.
+# Width of the first line, and decrease for each further line, so that coinciding lines are visible.
 WIDEST, THINNER = 3.0, 0.6
 
 
@@ -47,11 +47,11 @@ class Cell:
 
     Attributes
     ----------
-    outcome : "complete", or the failure.
+    outcome : "complete", or the reason of the failure.
     estimates
         Estimates in the scene's units.
     orbits
-        The orbits that starts reached without noise, the followed one first.
+        The orbits reached from the starts without noise, the followed one first.
     """
 
     method: str
@@ -68,18 +68,18 @@ class Sweep(ResultBase):
     Attributes
     ----------
     scene
-        The scene, with one knot spacing for all points.
+        The scene, with the knot spacing common to all points.
     values
-        Keys that were varied, and their values; of a load study also the names of loads.
+        Varied keys with their values; for a load study also the names of loads.
     methods
         Names of the methods, the last axis of `cells`.
     quantities
-        The quantities that the tables show; `cells` hold all there are.
+        Quantities in the tables; `cells` contain all available ones.
     cells : array of shape (values of each key …, methods).
     out_of_time
-        The time budget ended it: repeat the call with `output` to continue.
+        Whether the time budget ended the sweep: repeat the call with `output` to continue.
     seconds
-        Wall-clock, of this call.
+        Wall-clock time of this call (s).
     """
 
     scene: Scene
@@ -92,20 +92,20 @@ class Sweep(ResultBase):
     seconds: float = 0.0
 
     def places(self) -> Iterator[tuple[tuple, Cell]]:
-        """(value of each key, cell), the methods fastest."""
+        """Yield (value of each key, cell), with the method varying fastest."""
         cells: Any = self.cells
         for where in np.ndindex(cells.shape):
             point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
             yield point, cells[where]
 
     def _numbers(self) -> Named:
-        """All quantities of the cells by place, not only those that the table shows."""
+        """All quantities of the cells by point, including those that the table omits."""
         names = {name: None for _, cell in self.places() for name in cell.estimates}
         complete = replace(self, quantities=tuple(dict.fromkeys((*self.quantities, *names))))
         return super(Sweep, complete)._numbers()
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows of the tidy table: one for each point, method and quantity."""
+        """Header and rows of the tidy table: one per point, method and quantity."""
         header = [key_column(key, self.scene.units) for key in self.values]
         header += ["method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
@@ -120,7 +120,7 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome", "notes"], rows
 
     def _dataset(self) -> Dataset:
-        """Every quantity with its `…_standard_error` over the keys and the method.
+        """Every quantity and its `…_standard_error` over the keys and the method.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Sweep(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text: one for each point and method."""
+        """Header and rows as text: one per point and method."""
         units = {
             name: unit_of(self.scene, cell.estimates[name].dimension)
             for _, cell in self.places()
@@ -171,7 +171,7 @@ class Sweep(ResultBase):
         return [*header, "realizations", "outcome", *["kind of error"] * mixed], rows
 
     def _findings(self) -> list[str]:
-        """How the numbers were obtained, and caveats for citing them."""
+        """Sentences on how the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
         ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
         notes = placed_notes(
@@ -183,17 +183,17 @@ class Sweep(ResultBase):
             *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
             *notes_on_errors(self.methods),
-            f"{', '.join(self.methods)}: {settings}, the same noise everywhere; "
+            f"{', '.join(self.methods)}: {settings}, the same noise for all points; "
             f"{self.seconds:.1f} s",
         ]
 
     def _headline(self) -> str:
-        """Point of the highest first quantity: by engines, or by closures if no engine ran."""
+        """Point of the highest first quantity, by engines, or by closures if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:
-            return f"no place has a {name.replace('_', ' ')}"
-        # A closure is an approximation, which may be far off where another method is not.
+            return f"no point has a {name.replace('_', ' ')}"
+        # A closure is an approximation, whose error may be large where other methods are accurate.
         by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
         point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]
@@ -204,14 +204,14 @@ class Sweep(ResultBase):
         )
 
     def _where(self, point, between=" = "):
-        """The values of a place with their units, and the keys in front of them."""
+        """The values of a point with units, optionally preceded by their keys."""
         return ", ".join(
             f"{key + between if between else ''}{value_words(key, value, self.scene.units)}"
             for key, value in zip(self.values, point, strict=True)
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON: of every cell all its quantities."""
+        """Plain values for JSON, with all quantities of every cell."""
         return plain(
             {
                 "scene": self.scene,
@@ -242,21 +242,21 @@ _NOTHING = Estimate(math.nan, None, None, "1")
 
 
 def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
-    """The JSON's entry for the orbits that starts reached; empty if there is one start."""
+    """JSON entry for the orbits reached from the starts; empty for a single start."""
     entries = [orbit.to_dict(lambda dimension: unit_of(scene, dimension)) for orbit in orbits]
     return {"orbits": entries} if entries else {}
 
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
-    """(note, its points) of each note; "" for a note that all points have."""
-    places: dict[str, None] = {}
+    """(note, its points) for each note; "" for a note that all points have."""
+    points: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
     for location, lines in noted:
-        places[location] = None
+        points[location] = None
         for line in lines:
             notes.setdefault(line, {})[location] = None
     return [
-        (note, "" if len(locations) == len(places) else "; ".join(locations))
+        (note, "" if len(locations) == len(points) else "; ".join(locations))
         for note, locations in notes.items()
     ]
 
@@ -268,9 +268,9 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
 
 
 def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
-    """The cells of a sweep from the answers, for every place and method in order.
+    """The cells of a sweep from the answers, for every point and method in order.
 
-    They hold the answers' quantities, and of the roots of mean squares those that are asked for.
+    They contain the answers' quantities, and the requested roots of mean squares.
     """
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
@@ -279,7 +279,7 @@ def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]
 
 
 def _cell(method, answer, quantities):
-    """An answer, the error that came instead, or None where the time was spent."""
+    """The cell of an answer, of an error, or of None if the time budget was spent."""
     if answer is None:
         return Cell(method, OUT_OF_TIME)
     if isinstance(answer, HarvesterError):
@@ -300,30 +300,30 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
     variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)
     }
-    variables["realizations"] = (dimensions, _each(cells, lambda c: c.realizations, np.int32))
-    variables["outcome"] = (dimensions, _each(cells, lambda c: c.outcome, str))
+    variables["realizations"] = (dimensions, _array_of(cells, lambda c: c.realizations, np.int32))
+    variables["outcome"] = (dimensions, _array_of(cells, lambda c: c.outcome, str))
     return variables
 
 
 def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, str]]:
-    """(name, values, unit) of every quantity that any cell has, and of its standard error."""
+    """Yield (name, values, unit) of every quantity in any cell, and of its standard error."""
     dimensions_of: dict[str, str] = {}
     for cell in cells.ravel():
         for name, estimate in cell.estimates.items():
             dimensions_of.setdefault(name, estimate.dimension)
     for name in sorted(dimensions_of):
         unit = unit_of(scene, dimensions_of[name])
-        yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
-        errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
+        yield name, _array_of(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
+        errors = _array_of(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
         yield f"{name}_standard_error", errors, unit
 
 
 def in_words(value: float | str) -> str:
-    """A swept value, or the name of a load."""
+    """A swept value, or the name of a load, as text."""
     return value if isinstance(value, str) else number(value, 5)
 
 
-def _each(cells, value, kind):
+def _array_of(cells, value, kind):
     return np.array([value(cell) for cell in cells.ravel()], dtype=kind).reshape(cells.shape)
 
 
@@ -333,16 +333,16 @@ def _value(cell, name, attribute):
 
 
 def _draw(sweep):
-    """A panel for each quantity and each point of the other keys."""
+    """Draw a panel for each quantity and each point of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
-    # An axis of numbers is preferred to one of words, which have no distances.
+    # Numeric axes are preferred to text axes, which have no distances.
     ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
-    others = [range(length) for k, length in enumerate(lengths) if k != along]
+    other_axes = [range(length) for k, length in enumerate(lengths) if k != along]
     panels = [
         _panel(sweep, name, along, other)
         for name in sweep.quantities
-        for other in itertools.product(*others)
+        for other in itertools.product(*other_axes)
     ]
     title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
     return draw_panels(panels, title)
@@ -380,16 +380,16 @@ def _has_words(values):
     return any(isinstance(value, str) for value in values)
 
 
-def _series(sweep, name, x, cells, place, factor):
-    """One method's estimates; those that are missing leave a gap."""
-    label = sweep.methods[place]
+def _series(sweep, name, x, cells, number, factor):
+    """One method's estimates; missing ones leave a gap."""
+    label = sweep.methods[number]
     method = _without_settings(label)
     means = [cell.estimates.get(name) for cell in cells]
     estimates = [mean and mean.times(factor) for mean in means]
     y = [math.nan if mean is None else mean.estimate for mean in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
-        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
+        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**number)
     errors = [mean and mean.standard_error for mean in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
     engines = [other for other in sweep.methods if _without_settings(other) not in CLOSURES]
@@ -400,5 +400,5 @@ def _series(sweep, name, x, cells, place, factor):
 
 
 def _without_settings(label):
-    """A method's name, without the settings that distinguish two methods of one name."""
+    """A method's name without the settings that distinguish methods of the same name."""
     return label.partition(" (")[0]

@@ -49,7 +49,7 @@ def test_a_transducer_is_known_by_its_entry_alone(scene):
     assert changed.transducer.electrode_resistance == 2e5
     with pytest.raises(SceneError, match=r"electrode_piezo\.electrode_resistance = -1"):
         scene.replace({"electrode_piezo.electrode_resistance": -1.0})
-    with pytest.raises(SceneError, match=r"\[electrode_piezo\]: a device has one of them"):
+    with pytest.raises(SceneError, match=r"\[electrode_piezo\]: a device has only one"):
         scene.replace(piezo={"coupling": 1e-3, "capacitance": 4e-8})
     with pytest.raises(SceneError, match=r"\[piezo\] is missing \(or \[coil\], \[electrode_piezo"):
         scene.replace(electrode_piezo=None)

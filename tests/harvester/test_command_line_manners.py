@@ -51,7 +51,7 @@ def test_exit_codes_are_told(capsys):
     said = capsys.readouterr().out
     for code in (
         "0    done",
-        "1    a run failed",
+        "1    a run or a check failed",
         "2    a mistake",
         "130  interrupted",
         "NO_COLOR",

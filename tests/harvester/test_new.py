@@ -58,8 +58,8 @@ def test_without_a_terminal_nothing_is_asked(capsys):
 @pytest.mark.parametrize(
     ("file", "scene", "word"),
     [
-        ("there.toml", "paper", "is there already"),
-        ("link.toml", "paper", "is there already"),
+        ("there.toml", "paper", "exists"),
+        ("link.toml", "paper", "exists"),
         ("paper", "paper", "give paper.toml"),
         ("free.toml", "asymetric", "did you mean asymmetric"),
     ],
@@ -89,7 +89,7 @@ def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
     asked = capsys.readouterr().err
     assert "asymetric: no built-in scene (did you mean asymmetric?)" in asked
     assert "'much': write a number" in asked
-    assert "'-1': such devices have 1e-08 to 1" in asked
+    assert "'-1': the usual range is 1e-08 to 1" in asked
     assert "piezo.coupling = -1.0: must be" in asked
     with open("beam.toml", encoding="utf-8") as file:
         text = file.read()
@@ -114,7 +114,7 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     answers("cantilever\n14 g\n25\n120\n1\n42\n46 Hz\nk2=0.2\n60n\n200k\n\n0.5 g\n")
     assert main(["new", "mine.toml"]) == 0
     said = capsys.readouterr().err
-    assert "'42': such devices have" in said
+    assert "'42': the usual range is" in said
     assert "'46 Hz': write 46, without the unit Hz" in said
     stiffness = 0.014 * (2 * math.pi * 120) ** 2
     scene = Scene.read("mine.toml")

@@ -1,1 +1,1 @@
-"""One scene by circuit, Monte Carlo and averaging, side by side."""
+"""Compare circuit, Monte Carlo and averaging for one scene."""

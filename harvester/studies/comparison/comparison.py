@@ -35,22 +35,22 @@ COMPARED = (
     "mean_square_displacement",
     "mean_square_velocity",
 )
-# Further quantities of a device with several wells: rates of crossings and of jumps, and shares of
-# time.
+# Additional quantities of a device with several wells: rates of crossings and of jumps, and shares
+# of time.
 BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
-# Further quantities of a load with an output.
+# Additional quantities of a load with an output.
 AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
 BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
-# If neither result has an error, a relative difference below this is rounding.
+# If neither result has an error, a relative difference below this is round-off.
 SAME = 1e-9
-# Beginning and end of each engine's part in the progress bar. Monte Carlo takes little of the work.
+# Part of the progress bar for each engine. Monte Carlo takes little of the time.
 SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
-# Closures are compared by this quantity.
+# Quantity by which closures are compared.
 JUDGED_BY = "mean_square_voltage"
 # Known limits of each closure, from its documentation (harvester.averaging.closures.average).
 LIMITS = {
-    "paper": "it leaves the constant force of the piezo out of the potential (Eqs. 11–15)",
-    "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
+    "paper": "it omits the piezo's constant force from the potential (Eqs. 11–15)",
+    "consistent": "it assumes motion in one well and neglects the slow voltage after "
     "a jump between wells",
 }
 # Number of periods of small oscillations in the waveform.
@@ -66,12 +66,12 @@ class Comparison(ResultBase):
     circuit, monte_carlo
         Results of both engines on the same noise paths.
     closures
-        Results of the closures that hold for the scene.
+        Results of the closures that are valid for the scene.
     refused
-        Closures that do not, with the reason.
+        Closures that are not valid for the scene, with the reasons.
     paired : dict of str to Estimate
-        Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
-        difference: the bias of the circuit's step.
+        (Circuit − Monte Carlo)/Monte Carlo, with the error of the paired difference: the bias due
+        to the circuit's step.
     """
 
     circuit: Result
@@ -82,7 +82,7 @@ class Comparison(ResultBase):
 
     @property
     def scene(self) -> Scene:
-        """The scene that all of them share."""
+        """The scene of all results."""
         return self.circuit.scene
 
     @property
@@ -92,9 +92,9 @@ class Comparison(ResultBase):
         return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
 
     def difference(self, name: str) -> float:
-        """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
+        """Circuit minus Monte Carlo in combined standard errors; NaN without error bars.
 
-        The joint error takes the two as independent: the same noise makes it conservative.
+        The two are treated as independent, which is conservative for common noise.
         """
         a = self.circuit.scaled_quantities[name]
         b = self.monte_carlo.scaled_quantities[name]
@@ -106,18 +106,18 @@ class Comparison(ResultBase):
         return (a.estimate - b.estimate) / joint
 
     def share(self, name: str) -> float:
-        """(Circuit − Monte Carlo)/Monte Carlo of a mean; nan where Monte Carlo's is 0."""
+        """(Circuit − Monte Carlo)/Monte Carlo of a mean; NaN if Monte Carlo's is 0."""
         a = self.circuit.scaled_quantities[name].estimate
         b = self.monte_carlo.scaled_quantities[name].estimate
         return a / b - 1.0 if b else math.nan
 
     @property
     def significant(self) -> dict[str, float]:
-        """Shares by which quantities differ more than their errors explain, the greatest first."""
+        """Relative differences of quantities that exceed their errors, the largest first."""
         apart = {
             name: self.share(name) for name in self.compared if differ(self.difference(name), 1.0)
         }
-        return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
+        return dict(sorted(apart.items(), key=lambda item: -_or_infinite(item[1])))
 
     @property
     def paired_apart(self) -> dict[str, Estimate]:
@@ -130,18 +130,18 @@ class Comparison(ResultBase):
             and bias.standard_error
             and differ(bias.estimate, bias.standard_error)
         }
-        return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
+        return dict(sorted(apart.items(), key=lambda item: -abs(item[1].estimate)))
 
     @property
     def agree(self) -> bool:
-        """Whether every quantity differs insignificantly or by less than `NEGLIGIBLE_SHARE`."""
+        """Whether every difference is insignificant or below `NEGLIGIBLE_SHARE`."""
         shares = [*self.significant.values(), *(p.estimate for p in self.paired_apart.values())]
         return all(_or_infinite(share) <= NEGLIGIBLE_SHARE for share in shares)
 
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors.
 
-        nan for a quantity that the closure does not give.
+        NaN for a quantity that the closure does not compute.
         """
         estimate = self.closures[closure].scaled_quantities.get(name)
         value = math.nan if estimate is None else estimate.estimate
@@ -154,7 +154,7 @@ class Comparison(ResultBase):
         """Table, findings and pictures."""
         from harvester.studies.comparison.report import draw_comparison
 
-        # p(X, X') of the stationary solver and of Monte Carlo, on the same grid and colour scale.
+        # p(X, X') of the stationary solver and Monte Carlo, on the same grid and colour scale.
         joint = [*self.closures.values(), self.monte_carlo]
         return View(
             self._table(),
@@ -185,7 +185,7 @@ class Comparison(ResultBase):
         return header, rows
 
     def _records(self):
-        """Header and a row for each quantity and method, in the scene's units."""
+        """Header and one row per quantity and method, in the scene's units."""
         header = ["quantity", "method", "estimate", "standard_error", "unit"]
         return header, [
             [name, method, mean.estimate, mean.standard_error, mean.unit]
@@ -196,7 +196,7 @@ class Comparison(ResultBase):
         ]
 
     def _rows(self, name):
-        """Row of a quantity, and for a mean square the row of its root, if results have none."""
+        """Row of a quantity; for a mean square also the row of its root, if results have none."""
         circuit = self.circuit.quantity(name)
         paired = self.paired.get(name)
         factor, unit = self.circuit.in_print(name, circuit)
@@ -237,11 +237,11 @@ class Comparison(ResultBase):
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
-        # If no quantity has an error bar, the verdict reports that already.
+        # If no quantity has an error bar, the verdict reports this.
         lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
         lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
-            by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
+            by_chance = "" if math.isnan(chance) else f", {chance:.3f} expected by chance"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         lines += [*device_line(self.scene), *definitions(self.compared)]
         if self.closures:
@@ -253,12 +253,12 @@ class Comparison(ResultBase):
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
     def verdict(self) -> Verdict:
-        """Whether the engines agree, in a sentence."""
+        """One sentence on whether the engines agree."""
         apart = {name: abs(self.difference(name)) for name in self.compared}
         sigmas = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
         if not sigmas:
             reasons = "; ".join(self.without_error_bar(self.compared))
-            return Verdict(f"There is no error bar to judge by: {reasons}.", False)
+            return Verdict(f"The engines cannot be compared without error bars: {reasons}.", False)
         short = len(apart) - len(sigmas)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
         unsharp = [name for name in sigmas if not self._is_sharp(name)]
@@ -269,16 +269,16 @@ class Comparison(ResultBase):
         if len(unsharp) == len(sigmas):
             remedy = "raise run.duration or run.realizations"
             return Verdict(
-                "Circuit and Monte Carlo do not check each other: every difference is "
+                "Circuit and Monte Carlo cannot be cross-checked: every difference is "
                 f"{NOT_SHARP}; {remedy}.",
                 None,
             )
         checked = ", ".join(words(name) for name in sigmas if name not in unsharp)
         if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%} in {checked}"
-            small = "significant, but negligible against that limit: the steps may cause as much"
+            small = "significant, but below that limit, and may be due to the steps"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
-        # Runs without noise may have a difference of 0.
+        # Deterministic runs may have a difference of 0.
         worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}
@@ -298,7 +298,7 @@ class Comparison(ResultBase):
         return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
 
     def _greatest(self):
-        """Text: the largest significant difference, between means or on common noise."""
+        """Text on the largest significant difference, between means or on common noise."""
         shares = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
         joint = next(iter(self.significant.items()), None)
         if joint and _or_infinite(joint[1]) >= max(shares.values(), default=0.0):
@@ -309,15 +309,17 @@ class Comparison(ResultBase):
         return f"on the same noise the {words(name)} differs by {share_with_error(bias)}"
 
     def not_applying(self) -> list[str]:
-        """Closures that do not hold for the scene, in one line; none where all do."""
+        """One line on closures that are not valid for the scene; empty if all are."""
         names: dict[str, list[str]] = {}
         for name, reason in self.refused.items():
             names.setdefault(reason, []).append(name)
-        listing = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
-        return [f"Closures that do not apply: {listing}"] if listing else []
+        listing = "; ".join(
+            f"{', '.join(closures)}: {reason}" for reason, closures in names.items()
+        )
+        return [f"Closures that are not valid: {listing}"] if listing else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
-        """Quantities without an error bar in either engine, by the reason."""
+        """Quantities without an error bar in either engine, by reason."""
         reasons: dict[str, list[str]] = {}
         for name in names:
             (reason,) = self._reasons_without_error_bar(name) or ("no such quantity",)
@@ -327,12 +329,12 @@ class Comparison(ResultBase):
         ]
 
     def _reasons_without_error_bar(self, name):
-        """The first engine's reason, if it has one."""
+        """The reasons for missing error bars, without duplicates."""
         pair = [result.scaled_quantities.get(name) for result in self._engines()]
         return [mean.note for mean in pair if mean is not None and mean.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
-        """∬|p − p'| of each joint density from Monte Carlo's, and that expected by chance."""
+        """∬|p − p'| from each joint density to Monte Carlo's, and the value expected by chance."""
         simulated = self.monte_carlo.joint_density
         return {
             name: simulated.distance(result.joint_density)
@@ -344,7 +346,7 @@ class Comparison(ResultBase):
         return (self.circuit, self.monte_carlo)
 
     def results_by_method(self) -> dict[str, Result]:
-        """The result of every method, by the name that the table has."""
+        """The result of every method, by its name in the table."""
         return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
 
     def to_dict(self) -> dict[str, Any]:
@@ -371,14 +373,14 @@ class Comparison(ResultBase):
         )
 
     def page(self) -> str:
-        """One self-contained HTML page with everything."""
+        """A self-contained HTML page of the comparison."""
         from harvester.studies.comparison.report import report
 
         return report(self, [Verdict(headline(self.circuit)), *verdicts(self)])
 
 
 def words(name: str) -> str:
-    """A quantity's name in a sentence."""
+    """A quantity's name as text."""
     return name.replace("_", " ").replace("mean square", "mean-square")
 
 
@@ -386,13 +388,15 @@ def _or_infinite(share):
     return math.inf if math.isnan(share) else abs(share)
 
 
-def _sigmas(number, places):
-    # Rounded first, so that −0 is printed without its sign.
-    return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"
+def _sigmas(number, decimals):
+    # Rounding first removes the sign of −0.
+    return (
+        "no error bar" if math.isnan(number) else f"{round(number, decimals) + 0.0:+.{decimals}f} σ"
+    )
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
-    """Verdicts of a comparison, one sentence each."""
+    """Verdicts on a comparison, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
     balance = Verdict(
@@ -409,7 +413,7 @@ def _closure(comparison, name):
     if math.isnan(sigma):
         return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
     reasons = _reasons(comparison.closures[name], name)
-    tail = f" What is known: {'; '.join(reasons)}." if reasons else " It does not say why."
+    tail = f" Known limits: {'; '.join(reasons)}." if reasons else " No known limit explains this."
     if not _off(share, sigma):
         agreed = (
             f"{subject} agrees with Monte Carlo's {words(JUDGED_BY)}: {share:+.1%}, {sigma:+.1f} "
@@ -419,7 +423,7 @@ def _closure(comparison, name):
         return Verdict(f"{agreed}, but {other}.{tail}" if other else f"{agreed}.", not other)
     side = "high" if share > 0.0 else "low"
     return Verdict(
-        f"{subject} lies {abs(share):.1%} {side} in {words(JUDGED_BY)}, {abs(sigma):.0f} standard "
+        f"{subject} is {abs(share):.1%} {side} in {words(JUDGED_BY)}, {abs(sigma):.0f} standard "
         f"errors of Monte Carlo.{tail}",
         False,
     )
@@ -430,18 +434,18 @@ def _off(share, sigma):
 
 
 def _farthest(comparison, name):
-    """Text: the quantity in which a closure deviates most; empty if none deviates."""
+    """Text on the quantity in which a closure deviates most; empty if none deviates."""
     deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
     off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
     if not off:
         return ""
     worst = max(off, key=lambda quantity: abs(off[quantity][1]))
     share, sigma = off[worst]
-    return f"its {words(worst)} is off by {share:+.1%}, {sigma:+.0f} standard errors"
+    return f"its {words(worst)} deviates by {share:+.1%}, {sigma:+.0f} standard errors"
 
 
 def _reasons(result, name):
-    """Text: the result's own notes, then the known limits of the closure that apply."""
+    """Texts: the result's notes, and the known limits of the closure that apply."""
     reasons = list(result.notes)
     in_wells = result.scaled_quantities.get("share_in_wells")
     if name == "paper" and in_wells is not None:

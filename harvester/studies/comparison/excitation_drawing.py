@@ -1,4 +1,4 @@
-"""The spectrum of a device's excitation."""
+"""Figure of the excitation's spectrum."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
-# Largest number of knots of the path that are transformed, and number of their segments.
+# Maximum number of a path's knots for the spectrum, and number of segments.
 MOST_KNOTS, SEGMENTS = 2**18, 32
-# The density is drawn down to this share of its peak. Below it lies the leakage of a sine.
+# The density is drawn above this share of its peak; below it is the leakage of a sine.
 LEAST_SHARE = 1e-8
 
 
 def draw_spectrum(scene: Scene) -> Figure:
-    """Spectral density of the first realization's excitation, and where the device resonates."""
+    """Draw the first realization's spectral density, and mark the device's resonance."""
     prepared_scene = prepared(scene)
     frequency, density = excitation_spectrum(prepared_scene)
     seen = density > LEAST_SHARE * density.max()
@@ -47,7 +47,7 @@ def draw_spectrum(scene: Scene) -> Figure:
 
 
 def excitation_spectrum(prepared_scene: Prepared) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of the first realization's path (Hz, the scene's unit² per Hz)."""
+    """One-sided spectral density of the first realization's path: Hz, the scene's unit² per Hz."""
     from scipy import signal
 
     spacing, run = knot_spacing(prepared_scene), prepared_scene.scene.run

@@ -1,4 +1,4 @@
-"""The figure of a comparison, and `validate --report`: one page that holds all of it."""
+"""The figure of a comparison, and its HTML page for `validate --report`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEGEND = (
-    "± one standard error, of a closure the numerical error; in brackets its deviation from Monte "
+    "± one standard error, or a closure's numerical error; in brackets its deviation from Monte "
     "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
     "Monte Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
 )
@@ -43,12 +43,12 @@ JOINT_CAPTION = (
     "saddles."
 )
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
-# Line widths of the reference below all others, and of the closures above them.
+# Line widths of the reference (drawn first) and of the closures (drawn above it).
 WIDTHS = (3.0, 1.0)
 
 
 def report(comparison: Any, verdicts: list[Verdict]) -> str:
-    """A comparison as a self-contained page of HTML: style and pictures are in it."""
+    """A comparison as a self-contained HTML page, including styles and pictures."""
     from circuits.equivalent.assembly import assemble
 
     scene = comparison.scene
@@ -56,7 +56,7 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
     legend = [LEGEND, *definitions(comparison.compared)]
     text = html.escape(assemble(comparison.circuit.prepared_scene).text)
     netlist = (
-        "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
+        "<details><summary>the elements as ngspice reads them, with the noise from outside"
         f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'
         "</pre></div></details>"
     )
@@ -121,7 +121,7 @@ def _evidence(comparison):
 
 
 def draw_comparison(comparison: Any) -> Figure:
-    """Densities by every engine and closure; waveforms on one path; their difference."""
+    """Draw densities by every method, waveforms on one path, and their difference."""
     from matplotlib.figure import Figure
 
     names = list(comparison.monte_carlo.densities)
@@ -139,7 +139,7 @@ def draw_comparison(comparison: Any) -> Figure:
     figure.align_ylabels([top, middle, bottom])
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     set_title(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
-    # Closures differ in the densities that they have: one legend for all panels.
+    # Closures have different densities, so one legend serves all panels.
     legend_below(figure, panels)
     return figure
 
@@ -150,7 +150,7 @@ def _draw_densities(axes, comparison, name):
     style = {"colour": MONTE_CARLO, "width": thick}
     draw_density(axes, comparison.monte_carlo, name, "Monte Carlo", **style)
     draw_density(axes, comparison.circuit, name, "circuit", colour=CIRCUIT, line="--")
-    # Closures are drawn above the simulations, whose bands are broad where they are noisy.
+    # Closures are drawn above the simulations, whose error bands are broad under noise.
     for closure, result in comparison.closures.items():
         colour, line = LINES[closure]
         if name in result.densities:
@@ -159,7 +159,7 @@ def _draw_densities(axes, comparison, name):
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
-    # A closure that is far too high would flatten the others.
+    # A closure with far too high a peak would flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
     axes.set_xlabel(axis_label(comparison.circuit, name))
 

@@ -1,1 +1,1 @@
-"""Loads and values over a grid on the same noise: power, optima, ranking."""
+"""Compare loads and values over a grid on common noise: power, optima, ranking."""

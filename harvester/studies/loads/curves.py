@@ -1,6 +1,6 @@
-"""Results of a study: the optimum of each load's curve, and by how much one load beats another.
+"""Evaluation of a study: the optimum of each load's curve, and the differences between loads.
 
-Both from differences on common noise, whose errors are paired.
+Both are based on differences on common noise, with paired errors.
 """
 
 import itertools
@@ -29,9 +29,9 @@ class CurveOptimum:
     best
         Index of the highest point; None if no point has a value.
     place
-        Position of the maximum between the points; NaN at an edge.
+        Position of the maximum, interpolated between points; NaN at an edge.
     low, high
-        Ends of the maximum's interval; nan where there is none.
+        Ends of the maximum's interval; NaN if there is none.
     """
 
     best: int | None
@@ -43,7 +43,7 @@ class CurveOptimum:
 
 @dataclass(frozen=True)
 class Difference:
-    """The lead of the better of two loads at their optima, P_better/P_worse − 1."""
+    """Relative difference of two loads at their optima, P_better/P_worse − 1."""
 
     better: str
     worse: str
@@ -52,42 +52,42 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the lead is significant; by any lead above round-off if it has no error."""
-        error = 0.0 if math.isnan(self.standard_error) else self.standard_error
-        return differ(self.estimate, error, negligible=RESOLVED_SHARE)
+        """Whether the lead is significant; not if its error is unknown."""
+        known = not math.isnan(self.standard_error)
+        return known and differ(self.estimate, self.standard_error, negligible=RESOLVED_SHARE)
 
 
 def optimum_of(
-    places: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
+    positions: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
 ) -> CurveOptimum:
-    """The maximum of a curve, from the parabola through ln P at its highest point and neighbours.
+    """The maximum of a curve, from a parabola through ln P at its highest point and neighbours.
 
-    The interval is two paired standard errors to either side, widened by how far the parabola
-    through P itself lies off (the curve is neither), and by the points that are no lower than the
-    highest within two paired standard errors.
+    The interval is ± two paired standard errors. It is widened by the distance to the maximum of a
+    parabola through P itself, as an estimate of the model error. It also includes all points that
+    are not lower than the highest by two paired standard errors.
 
     Parameters
     ----------
     places
         Swept values, increasing; the fit uses their logarithms if all are > 0.
     powers
-        nan where there is none.
+        NaN for missing values.
     series : sequence of (ndarray of shape (realizations, batches), or None)
-        Powers batch by batch on common noise; None: without statistical error.
+        Powers of batches on common noise; None: without statistical error.
     """
     heights = np.asarray(powers, dtype=float)
     if not np.isfinite(heights).any():
         return CurveOptimum(None, note="no point has a value")
     best = int(np.nanargmax(heights))
-    if len(places) < 3:
-        return CurveOptimum(best, note="" if len(places) == 1 else EDGE)
-    if best in (0, len(places) - 1):
+    if len(positions) < 3:
+        return CurveOptimum(best, note="" if len(positions) == 1 else EDGE)
+    if best in (0, len(positions) - 1):
         return CurveOptimum(best, note=EDGE)
     near = [best - 1, best, best + 1]
     if not (heights[near] > 0.0).all():
         return CurveOptimum(best, note="a neighbour is not ranked: no interval")
-    logarithmic = min(places) > 0.0
-    axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
+    logarithmic = min(positions) > 0.0
+    axis = np.log(positions) if logarithmic else np.asarray(positions, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))
     shape = abs(vertex - _vertex(axis[near], heights[near])[0])
     runs_near: list[Any] = [series[k] for k in near]
@@ -98,7 +98,7 @@ def optimum_of(
         return CurveOptimum(best, note="too few realizations for an interval")
     low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
     note = ""
-    rivals = [k for k in range(len(places)) if k != best and _no_lower(series, k, best)]
+    rivals = [k for k in range(len(positions)) if k != best and _no_lower(series, k, best)]
     if rivals:
         rivals.append(best)
         low, high = min(low, axis[min(rivals)]), max(high, axis[max(rivals)])
@@ -114,9 +114,9 @@ def optimum_of(
 def rank(
     powers: Mapping[str, float], series: Mapping[str, np.ndarray | None]
 ) -> tuple[list[str], list[Difference]]:
-    """Loads from the best to the worst, with every difference between two of them.
+    """The loads in descending order of power, and the differences between all pairs.
 
-    `powers`: power at each load's optimum, the mean of its series; nan where there is none.
+    `powers`: power at each load's optimum, the mean of its series; NaN if there is none.
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
     differences = []
@@ -135,18 +135,18 @@ def rank(
 def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> float | None:
     """Standard error of a weighted sum of means on common noise.
 
-    The first realizations of all series are on the same noise; where one has more than another,
-    only their common part cancels.
+    The first realizations of all series have the same noise. If their numbers differ, only the
+    noise of the common ones cancels.
 
     Parameters
     ----------
     series : sequence of ndarray, shape (realizations, batches)
-        Series of batches; their numbers of realizations may differ.
+        Series of batches with possibly different numbers of realizations.
 
     Returns
     -------
     float or None
-        None where one is too short for an error bar.
+        None if a series is too short for an error bar.
     """
     counts = [len(runs) for runs in series]
     together = _error_of_prefix(weights, series, min(counts))
@@ -166,8 +166,8 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
         covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
         shared = count**2 / (counts[i] * counts[j])
         variance += 2.0 * weights[i] * weights[j] * covariance * shared
-    # The estimated parts of the variance may add up to too little. This is the least that the runs
-    # allow.
+    # The estimated parts of the variance may add up to too little. This is the minimum for these
+    # numbers of realizations.
     return math.sqrt(max(variance, together**2 * min(counts) / max(counts)))
 
 
@@ -176,8 +176,9 @@ def _error_of_prefix(weights, series, count):
 
 
 def _vertex(x, y):
-    """Position of the extremum of a parabola through three points, and its derivatives by
-    their values."""
+    """Position of a parabola's extremum through three points, and its derivatives with respect to
+    their values.
+    """
     # Rows: curvature, slope and value at the middle point, each linear in y.
     rows = np.linalg.inv(np.vander(x - x[1], 3))
     curvature, slope = rows[0] @ y, rows[1] @ y
@@ -185,9 +186,9 @@ def _vertex(x, y):
     return extremum, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
 
 
-def _no_lower(series, place, best):
-    """Whether a point lies within two paired standard errors of the highest."""
-    if series[place] is None or series[best] is None:
+def _no_lower(series, index, best):
+    """Whether a point is within two paired standard errors of the highest."""
+    if series[index] is None or series[best] is None:
         return False
-    error = error_of_sum((1.0, -1.0), (series[best], series[place]))
-    return error is None or series[best].mean() - series[place].mean() < INTERVAL * error
+    error = error_of_sum((1.0, -1.0), (series[best], series[index]))
+    return error is None or series[best].mean() - series[index].mean() < INTERVAL * error

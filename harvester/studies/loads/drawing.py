@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 # Half length of an error bar, in standard errors.
 BARS = 2.0
-# Shown in figure and table: the first for a load with an output, else the second.
+# Efficiency in figure and table: the first for a load with an output, else the second.
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
 def draw_power(study: Any) -> Figure:
-    """Output power over the swept value, one curve a load; its optimum's interval below."""
+    """Draw output power over the swept value, one curve per load, with the optimum's interval."""
     top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
     factor, unit = prefixed(top, study.unit)
 
@@ -38,7 +38,7 @@ def draw_power(study: Any) -> Figure:
 
 
 def draw_efficiency(study: Any) -> Figure:
-    """Output and storage power over the mechanical input."""
+    """Draw the sum of output and storage power relative to the mechanical input."""
 
     def value(evaluation):
         names = [n for n in EFFICIENCIES if n in evaluation.estimates]
@@ -49,7 +49,7 @@ def draw_efficiency(study: Any) -> Figure:
 
 
 def draw_waveforms(study: Any) -> Figure:
-    """Displacement and piezo voltage at each load's highest point, all on the same noise."""
+    """Draw displacement and piezo voltage at each load's highest point, on the same noise."""
     from matplotlib.figure import Figure
 
     def highest(other):
@@ -88,19 +88,19 @@ def _colours():
     return cycle(rcParams["axes.prop_cycle"].by_key()["color"])
 
 
-def _draw(study, label, value, more):
-    """A panel for each point of the other sweeps, with a curve for each load."""
+def _draw(study, label, value, draw_extra):
+    """Draw a panel for each point of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
-    places = np.array(study.grid.sweeps[key] if key else (0.0,))
+    positions = np.array(study.grid.sweeps[key] if key else (0.0,))
     panels = [
         Panel(
             x_label=key_label(key, study.scene.units) if key else "",
             y_label=label,
-            series=_curves(study, other, places, value),
+            series=_curves(study, other, positions, value),
             title=words,
-            log_x=is_wide(places),
+            log_x=is_wide(positions),
             from_zero=True,
-            more=partial(_finish, study, other, more),
+            more=partial(_finish, study, other, draw_extra),
         )
         for other, words in study.others()
     ]
@@ -111,19 +111,19 @@ def _draw(study, label, value, more):
     )
 
 
-def _finish(study, other, more, axes):
-    """Finish the axes: names of the loads if nothing is swept, and drawings by `more`."""
+def _finish(study, other, draw_extra, axes):
+    """Finish the axes: label the loads if nothing is swept, and call `more` to add drawings."""
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
-        # The points are the same in every figure, and explained in the legend.
+        # Points are drawn alike in every figure, and explained in the legend.
         axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")
-    more(study, other, axes)
+    draw_extra(study, other, axes)
 
 
-def _curves(study, other, places, value):
+def _curves(study, other, positions, value):
     series = []
-    order = np.argsort(places)
+    order = np.argsort(positions)
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
         row = [study.curves[(k, *other)][index] for index in order]
         means = [
@@ -136,7 +136,7 @@ def _curves(study, other, places, value):
         errors = [mean.standard_error for _, mean, _ in means]
         series.append(
             Series(
-                x=[places[index] if study.curve_keys[0] else k for index, _, _ in means],
+                x=[positions[index] if study.curve_keys[0] else k for index, _, _ in means],
                 y=[mean.estimate for _, mean, _ in means],
                 label=study.grid.loads[k],
                 colour=colour,
@@ -149,7 +149,7 @@ def _curves(study, other, places, value):
 
 
 def _draw_optima(study, other, axes):
-    """Each optimum's interval as a bar near the axis, in the load's colour."""
+    """Draw each optimum's interval as a bar near the axis, in the load's colour."""
     for k, colour in zip(_loads(study), _colours(), strict=False):
         optimum, _ = study.optima[(k, *other)]
         if math.isfinite(optimum.low):

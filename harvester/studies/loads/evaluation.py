@@ -1,5 +1,4 @@
-"""One point of a load study: realizations until its power is precise, and the estimates from
-them."""
+"""Evaluate one point of a load study: simulate until its power is precise, and estimate."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -42,7 +41,7 @@ from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
 
-# Dimensions of a record's columns. All others are powers.
+# Dimensions of a record's columns; all other columns are powers.
 WAVEFORM = {
     "time": "time",
     "displacement": "displacement",
@@ -53,28 +52,29 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# An output counts as supplied by the load's sources if no larger share of its power is harvested.
+# An output counts as supplied by the load's sources if at most this share of its power is
+# harvested.
 LEAST_HARVESTED = 0.01
-# Most realizations of one point if a precision is asked for.
+# Maximum number of realizations of a point if a precision is requested.
 MOST_REALIZATIONS = 4000
 
 
 @dataclass(frozen=True)
 class Evaluation(Cell):
-    """The answer at one point of a load study.
+    """The result at one point of a load study.
 
-    Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
-    energy that leaves the transducer.
+    Its estimates also have `output_power`: the power into the load's output or, without a DC side,
+    the power that leaves the transducer.
 
     Attributes
     ----------
     series : ndarray, shape (realizations, batches), or None
-        Output power, in the scene's units.
+        Output power of each batch, in the scene's units.
     power_error : float
-        Standard error of the output power, NaN where there is none, also where `estimates`
-        withholds it because the run is too short for its slow quantities.
+        Standard error of the output power; NaN if there is none. It is given even if `estimates`
+        withholds it because the run is too short for slow quantities.
     waveform
-        Beginning of the first realization, rows as in `Record`, in the scene's units.
+        Beginning of the first realization, with rows as in `Record`, in the scene's units.
     """
 
     series: np.ndarray | None = field(default=None, repr=False)
@@ -83,12 +83,14 @@ class Evaluation(Cell):
 
     @property
     def power(self) -> float:
-        """Output power, nan where there is none."""
+        """Output power; NaN if there is none."""
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
 
     @property
     def unranked(self) -> str:
-        """Why the power does not rank, as the device does not feed the output; empty if it does."""
+        """Reason why the power is not ranked, since the device does not feed the output; else
+        empty.
+        """
         if self.is_supplied:
             sources = (name for name in self.estimates if name.startswith(SUPPLIED))
             names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
@@ -99,18 +101,18 @@ class Evaluation(Cell):
 
     @property
     def is_supplied(self) -> bool:
-        """Whether sources of the load supply all that the output uses."""
+        """Whether the load's sources supply all the power used at the output."""
         used = self.estimates.get(USED)
         return used is not None and self.power <= LEAST_HARVESTED * used.estimate
 
     @property
     def ranked_power(self) -> float:
-        """Output power to rank by; nan where it is not harvested."""
+        """Output power for ranking; NaN if it is not harvested."""
         return math.nan if self.unranked else self.power
 
     @property
     def relative_error(self) -> float:
-        """The relative error of the output power, infinite if it has no error bar."""
+        """Relative error of the output power; infinite without an error bar."""
         share = self.power_error / abs(self.power) if self.power else math.nan
         return math.inf if math.isnan(share) else share
 
@@ -118,7 +120,7 @@ class Evaluation(Cell):
 def evaluating(
     scene: Scene, method: Method, version: str, precision: float | None
 ) -> Generator[Wanted, list, Evaluation]:
-    """A plan for `Runner.follow` that returns the evaluation of one point.
+    """Generator for `Runner.follow` that returns the evaluation of one point.
 
     Parameters
     ----------
@@ -126,8 +128,8 @@ def evaluating(
         Engine or closure.
     version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
-        Relative error of the output power, possible step error included; None: the scene's own
-        run.
+        Target relative error of the output power, including the step error; None: use the scene's
+        number of realizations.
     """
     prepared_scene = prepared(scene)
     if isinstance(method, Stationary):
@@ -138,9 +140,9 @@ def evaluating(
     cut = Realizations.of(prepared_scene, method, version, waveform=True)
     cost = step_error(prepared_scene, method.step, method.name)
 
-    def judge(good, ended):
-        evaluation = _evaluate(prepared_scene, method.name, good, ended, cost)
-        # More realizations do not make a power precise that is none.
+    def judge(answers_so_far, ended):
+        evaluation = _evaluate(prepared_scene, method.name, answers_so_far, ended, cost)
+        # More realizations do not improve a power that is not harvested.
         unknown = evaluation.realizations and not evaluation.is_supplied
         return evaluation, evaluation.relative_error if unknown else 0.0
 
@@ -152,28 +154,28 @@ def evaluating(
     return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
 
 
-def _evaluate(prepared_scene, method, good, ended, cost=0.0):
-    """Quantities of one point.
+def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
+    """Evaluate the answers at one point.
 
     Parameters
     ----------
     good
-        Answers of its tasks, in the order of their realizations.
+        Answers of the point's tasks, in the order of their realizations.
     ended
-        The reason why later answers are missing; "" if all came.
+        Reason why later answers are missing; "" if none are.
     cost
-        Share of a power that the steps may cost; see `harvester.scene.steps.step_error`.
+        Relative error of a power due to the step; see `harvester.scene.steps.step_error`.
     """
     scales = prepared_scene.scales
-    if not good:
-        words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
+    if not answers:
+        words = told(ended) if isinstance(ended, HarvesterError) else f"no run: {ended}"
         return Evaluation(method, words)
-    if "quantities" in good[0]:
-        estimates = in_units(good[0]["quantities"], scales)
+    if "quantities" in answers[0]:
+        estimates = in_units(answers[0]["quantities"], scales)
         mean = estimates["mean_power"]
         power_error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
-    prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, good, cost)
+    prepared_scene, moments, orbits, on_orbits = followed(prepared_scene, answers, cost)
     scene, run = prepared_scene.scene, run_estimates(prepared_scene, moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
@@ -195,7 +197,7 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     estimates = in_units(run.whole, scales)
     estimates[POWER] = power
-    waveform = good[0]["waveform"]
+    waveform = answers[0]["waveform"]
     if waveform is not None:
         factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
         waveform = waveform * np.array(factors)[:, None]
@@ -211,20 +213,20 @@ def _evaluate(prepared_scene, method, good, ended, cost=0.0):
     )
 
 
-def series_of(prepared_scene: Prepared, good: Sequence[dict]) -> np.ndarray | None:
-    """Output power of a point's tasks batch by batch, in the scene's units, or None.
+def series_of(prepared_scene: Prepared, answers: Sequence[dict]) -> np.ndarray | None:
+    """Output power of a point's tasks by batch, in the scene's units, or None.
 
-    For several realizations without noise it is the mean over those on the followed orbit.
+    Several realizations without noise are replaced by the mean over those on the followed orbit.
     """
-    if not good:
+    if not answers:
         return None
-    moments = followed(prepared_scene, good, 0.0).moments
+    moments = followed(prepared_scene, answers, 0.0).moments
     series = power_series(moments, prepared_scene.scales.power)
     return series if prepared_scene.scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
-    """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
+    """Output power by batch, shape (realizations, batches), whose mean is the estimate."""
     if complete_batches(moments) is None:
         raise HarvesterError("no realization is long enough for one batch: raise run.duration")
     energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")

@@ -1,9 +1,9 @@
-"""Cross-check of a load study by the circuit: the same noise by both engines, at a few points.
+"""Cross-check of a load study with the circuit: both engines on the same noise at a few points.
 
-At each load's highest point, where the study's answer comes from, and at a point drawn at random.
-Paths of a device between its wells diverge after some ten periods, however well they are computed,
-so that long runs show a difference to some percent only. The first periods from rest show it to
-some tenths of a percent; the settled part adds the charged store that they lack.
+The points are each load's highest one, which gives the study's result, and a random one. Paths of a
+device that jumps between wells diverge after about ten periods at any accuracy, so long runs
+resolve a difference only to a few per cent. The first periods from rest resolve it to a few tenths
+of a per cent. The settled part also tests charged stores.
 """
 
 import math
@@ -34,34 +34,33 @@ from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
-# Realizations of one point by both engines: of full length, and of the first periods
-# alone.
+# Number of realizations at one point by both engines: of full length, and of the first periods.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
-# The early power is compared if it is at least this share of the settled one. Before a store is
-# charged only leakage reaches the output.
+# The early power is compared if it is at least this share of the settled one, since only leakage
+# reaches the output before a store is charged.
 LEAST_EARLY_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
 class Proof:
-    """The circuit's result at one point of a study.
+    """The circuit's result at one point of a study, compared with Monte Carlo.
 
     Attributes
     ----------
     place
         Index of the point in the grid.
     highest
-        Whether it was chosen as its curve's highest point, and not drawn.
+        Whether it is its curve's highest point, rather than a random one.
     difference : float
-        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan where it
-        cannot be computed.
+        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; NaN if it cannot
+        be computed.
     standard_error : float
-        Standard error of the paired difference, widened where realizations are few; nan where there
-        is no difference.
+        Standard error of the paired difference, widened for few realizations; NaN if there is no
+        difference.
     early_difference, early_standard_error : float
         Difference over the first `PERIODS` periods from rest; NaN if it cannot be computed.
     trouble
-        The reason why a difference is missing (the settled part's first); "" if none is.
+        Reason why a difference is missing, first for the settled part; "" if none is missing.
     """
 
     place: int
@@ -80,7 +79,7 @@ class Proof:
 
     @property
     def disagrees(self) -> bool:
-        """Whether one of the differences exceeds its error and is not negligible."""
+        """Whether a difference exceeds its error and is not negligible."""
         pairs = (
             (self.difference, self.standard_error),
             (self.early_difference, self.early_standard_error),
@@ -88,13 +87,13 @@ class Proof:
         return any(differ(*pair, negligible=NEGLIGIBLE_SHARE) for pair in pairs)
 
 
-def places_to_prove(
+def points_to_check(
     grid: Grid, evaluations: Sequence[Evaluation], seed: int
 ) -> list[tuple[int, bool]]:
-    """(point among the grid's points, whether it is a highest one), in the grid's order.
+    """Points to check, in the grid's order: (index, whether it is a curve's highest point).
 
-    Every curve's highest point that is ranked, and of each load one of the others with a power by
-    chance.
+    They are the highest ranked point of every curve, and a random other point of each load with a
+    power.
     """
     lengths = [len(values) for values in grid.sweeps.values()]
     numbers = np.arange(len(evaluations)).reshape(len(grid.loads), *lengths)
@@ -108,17 +107,17 @@ def places_to_prove(
         curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
         finite = [curve[np.isfinite(ranked[curve])] for curve in curves]
         best = {int(curve[np.argmax(ranked[curve])]) for curve in finite if curve.size}
-        others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
+        candidates = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
         chosen |= dict.fromkeys(best, True)
-        if others:
-            chosen[int(random.choice(others))] = False
+        if candidates:
+            chosen[int(random.choice(candidates))] = False
     return sorted(chosen.items())
 
 
 def proving(
     place: int, highest: bool, scene: Scene, first: tuple[Engine, str], judge: tuple[Engine, str]
 ) -> Generator[Wanted, list, Proof]:
-    """A plan for `Runner.follow` that returns the Proof of one point.
+    """Generator for `Runner.follow` that returns the Proof of one point.
 
     Parameters
     ----------
@@ -161,16 +160,16 @@ def _tasks(prepared_scene, most, method, version):
 
 
 def _difference(prepared_scene, costs, ours, theirs):
-    """(difference, standard error, reason, power by Monte Carlo).
+    """Return (difference, standard error, reason, power by Monte Carlo).
 
-    The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
-    cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty. Without noise
-    the possible step errors of both are part of the error.
+    The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. If it or its error
+    cannot be computed, it is NaN, and `reason` explains this; otherwise `reason` is empty. Without
+    noise the error includes the step errors of both engines.
     """
     scene, powers = prepared_scene.scene, []
     for answers in (ours, theirs):
-        good, ended = answers_before_failure(answers)
-        series = series_of(prepared_scene, good)
+        successful, ended = answers_before_failure(answers)
+        series = series_of(prepared_scene, successful)
         if series is None:
             words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
             return math.nan, math.nan, words, math.nan
@@ -183,7 +182,7 @@ def _difference(prepared_scene, costs, ours, theirs):
     in_time = standard_error if drawn else error_of(scene)
     ratio, error = ratio_of_sums(theirs[:shared], ours[:shared], in_time)
     if error is None and not drawn:
-        # Both engines meet one and the same path, however short: only their steps differ.
+        # Both engines have the same deterministic path: only their steps differ.
         error = 0.0
     if error is None:
         reason = why_no_error(ratio, error).partition(":")[0]
@@ -193,10 +192,10 @@ def _difference(prepared_scene, costs, ours, theirs):
 
 
 def _of_few(realizations):
-    """Factor by which Student's quantile exceeds the normal one at the probability of
-    `SIGNIFICANT_SIGMAS`.
+    """Student's quantile over the normal one, at the probability of `SIGNIFICANT_SIGMAS`.
 
-    Batches of one realization may be correlated, so realizations are counted.
+    Batches of one realization may be correlated, so the degrees of freedom are those of
+    realizations.
     """
     least = max(realizations - 1, 1)
     return float(stdtrit(least, ndtr(SIGNIFICANT_SIGMAS))) / SIGNIFICANT_SIGMAS

@@ -45,7 +45,7 @@ from harvester.studies.loads import drawing
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.drawing import EFFICIENCIES
 from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
-from harvester.studies.loads.proof import Proof, places_to_prove, proving
+from harvester.studies.loads.proof import Proof, points_to_check, proving
 from harvester.studies.sweep import (
     Sweep,
     columns,
@@ -58,37 +58,36 @@ from harvester.studies.sweep import (
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# Measured time of a realization over its settling time. A fifth of the run is then spent on
-# settling.
+# Ratio of a realization's measured time to its settling time. A fifth of the run is then settling.
 DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
     "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
     "neighbours; interval: of that maximum, 95 %"
 )
-# Share of the time budget that is kept for the circuit as judge.
+# Share of the time budget reserved for the cross-check with the circuit.
 PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True, repr=False)
 class LoadStudy(ResultBase):
-    """A load study's points, outcome, optima, ranking and verdict.
+    """Points, outcome, optima, ranking and cross-check of a load study.
 
     Attributes
     ----------
     method : "judged", an engine or a closure.
     version
-        Version of the program that computed.
+        Version of the program that computed the results.
     evaluations
         Evaluations of the points, in the order of `grid.points`.
     proofs
-        Comparisons with the circuit, at the points that were chosen for it.
+        Comparisons with the circuit at selected points.
     out_of_time
-        The time budget ended it: repeat the call to continue.
+        Whether the time budget ended the study; repeat the call to continue.
     computed, reused
-        Tasks.
+        Numbers of tasks.
     warnings : tuple of str
-        Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
+        Warnings: invalid stored answers, outcomes that were not stored, a folder that cannot be
         locked.
     """
 
@@ -106,17 +105,17 @@ class LoadStudy(ResultBase):
 
     @property
     def scene(self) -> Scene:
-        """The scene, with one spacing of knots for all points."""
+        """The scene, with the knot spacing common to all points."""
         return self.grid.scene
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Name of the method that ran each point."""
+        """Names of the method that simulated each point."""
         return tuple(evaluation.method for evaluation in self.evaluations)
 
     @property
     def sweep(self) -> Sweep:
-        """The points as a tidy table of their output power."""
+        """The points as a tidy table of output power."""
         return Sweep(
             scene=self.scene,
             values={"load": self.grid.loads, **self.grid.sweeps},
@@ -135,14 +134,14 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """The evaluations in the grid's shape: loads, then the sweeps."""
+        """The evaluations in the grid's shape: loads, then sweeps."""
         array = np.empty(len(self.evaluations), dtype=object)
         array[:] = self.evaluations
         return array.reshape(self.grid.shape)
 
     @cached_property
     def curve_keys(self) -> tuple[str | None, list[str]]:
-        """Keys of the sweep that optima are sought along, and of the others."""
+        """Key of the sweep along which optima are sought, and keys of the other sweeps."""
         keys, curve = list(self.grid.sweeps), self.grid.curve
         if curve is None:
             return None, []
@@ -157,15 +156,15 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def optima(self) -> np.ndarray:
-        """(CurveOptimum, its place or None) of each curve: loads, other sweeps."""
+        """(CurveOptimum, its position or None) of each curve: loads, other sweeps."""
         key, _ = self.curve_keys
-        places = self.grid.sweeps[key] if key else (0.0,)
-        order = np.argsort(places)
+        positions = self.grid.sweeps[key] if key else (0.0,)
+        order = np.argsort(positions)
         optima = np.empty(self.curves.shape[:-1], dtype=object)
         for where in np.ndindex(optima.shape):
             row = [self.curves[where][k] for k in order]
             powers, series = [e.ranked_power for e in row], [e.series for e in row]
-            optimum = optimum_of([places[k] for k in order], powers, series)
+            optimum = optimum_of([positions[k] for k in order], powers, series)
             optima[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return optima
 
@@ -180,14 +179,19 @@ class LoadStudy(ResultBase):
         loads = self.grid.loads
         rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
-            places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
-            best = {load: e for load, e in places if e}
+            best_points = ((load, self.best((k, *other))) for k, load in enumerate(loads))
+            best = {load: e for load, e in best_points if e}
             powers = {load: e.power for load, e in best.items()}
-            rankings[other] = rank(powers, {load: e.series for load, e in best.items()})
+            # Without chance a power has no statistical error, though its batches may be few.
+            exact = not self.scene.excitation.random and any(
+                math.isnan(e.power_error) for e in best.values()
+            )
+            series = {load: None if exact else e.series for load, e in best.items()}
+            rankings[other] = rank(powers, series)
         return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
-        """Points of the other sweeps with their values as text, "" where there are none."""
+        """Yield the points of the other sweeps with their values as text, "" if there are none."""
         _, keys = self.curve_keys
         values = [self.grid.sweeps[key] for key in keys]
         for other in itertools.product(*(range(len(axis)) for axis in values)):
@@ -210,7 +214,7 @@ class LoadStudy(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows: each load's optimum."""
+        """Header and one row per load's optimum."""
         key, others = self.curve_keys
         along = key_words(key, self.scene.units)[0] if key else "the scene"
         header = ["load", *["at"] * bool(others), f"highest at {along}", "optimum", "interval"]
@@ -238,9 +242,11 @@ class LoadStudy(ResultBase):
         if self.precision and best.realizations:
             reached, asked = best.relative_error, self.precision
             precision = (
-                f"power known to {reached:.1%}" if math.isfinite(reached) else "no error bar"
+                f"relative error of the power {reached:.1%}"
+                if math.isfinite(reached)
+                else "no error bar"
             )
-            notes.append(precision + f", not the {asked:.1%} asked for" * (not reached <= asked))
+            notes.append(precision + f", not the requested {asked:.1%}" * (not reached <= asked))
         inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
@@ -254,16 +260,16 @@ class LoadStudy(ResultBase):
         ]
 
     def _unranked(self, where, key):
-        """Why points of a curve are not ranked, and which."""
-        places: dict[str, list[str]] = {}
+        """Text on points of a curve that are not ranked, and the reasons."""
+        values_by_reason: dict[str, list[str]] = {}
         for k, evaluation in enumerate(self.curves[where]):
             if evaluation.unranked:
                 unit = key_words(key, self.scene.units)[1] if key else ""
                 value = quantity(self.grid.sweeps[key][k], unit) if key else ""
-                places.setdefault(evaluation.unranked, []).append(value)
+                values_by_reason.setdefault(evaluation.unranked, []).append(value)
         return [
             f"at {', '.join(values)} not ranked: {reason}" if key else f"not ranked: {reason}"
-            for reason, values in places.items()
+            for reason, values in values_by_reason.items()
         ]
 
     def _value(self, key, value):
@@ -271,7 +277,7 @@ class LoadStudy(ResultBase):
         return f"{words} = {quantity(value, unit)}"
 
     def _findings(self) -> list[str]:
-        """Sentences on the ranking, the precision reached, the outcome and the work done."""
+        """Sentences on the ranking, the precision, the outcome and the computing time."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
         names = {name for evaluation in self.evaluations for name in evaluation.estimates}
@@ -288,8 +294,9 @@ class LoadStudy(ResultBase):
             lines.append(
                 f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
                 f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
-                + f"; a precision takes at most {DURATION_OVER_SETTLE:g} times run.settle of each, "
-                "and more of them" * bool(self.precision)
+                + f"; for the precision, each measures at most "
+                f"{DURATION_OVER_SETTLE:g} times run.settle, "
+                "and their number grows" * bool(self.precision)
             )
         lines.append(
             f"{self.computed} tasks computed, {self.reused} reused; {self.wall_seconds:.0f} s"
@@ -301,7 +308,7 @@ class LoadStudy(ResultBase):
         return [f"DISAGREE: {self._proof(proof)}" for proof in self.proofs if proof.disagrees]
 
     def _proofs(self):
-        """Sentences on whether the circuit, as reference, agrees with the study."""
+        """Sentences on whether the study agrees with the circuit as reference."""
         proofs = self.proofs
         if not proofs:
             return []
@@ -318,7 +325,7 @@ class LoadStudy(ResultBase):
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        values = self._place(point)
+        values = self._swept_values(point)
         where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
         early = proof.early_difference, proof.early_standard_error
         parts = {f"in the first {PERIODS:g} periods": early}
@@ -335,19 +342,19 @@ class LoadStudy(ResultBase):
             words.append(f"{part}not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
 
-    def _place(self, point):
-        """The swept values of a point, with their units."""
+    def _swept_values(self, point):
+        """The swept values of a point with units, as text."""
         values = zip(self.grid.sweeps, point.place, strict=True)
         return ", ".join(value_words(key, value, self.scene.units) for key, value in values)
 
     def _headline(self) -> str:
-        """The best load with its power, and where its optimum is."""
+        """The best load with its power and optimum."""
         best = [
             (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
         ]
         best = [pair for pair in best if "output_power" in pair[1].estimates]
         if not best:
-            return "no load has a power"
+            return "no load has an output power"
         where, top = max(best, key=lambda pair: pair[1].power)
         key, index = self.curve_keys[0], self.optima[where][1]
         at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
@@ -358,9 +365,9 @@ class LoadStudy(ResultBase):
         return f"most power: {power} from {load}{at}{as_much}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and a row for each point: load, swept values, all quantities with their errors.
+        """Header and one row per point: load, swept values, all quantities with their errors.
 
-        `sweep.data()` has a row for each quantity.
+        `sweep.data()` has one row per quantity.
         """
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *(key_column(key, self.scene.units) for key in self.grid.sweeps)]
@@ -383,9 +390,9 @@ class LoadStudy(ResultBase):
     def _dataset(self) -> Dataset:
         """The study as an xarray Dataset in the scene's units.
 
-        Dimensions: load, one per sweep by its dotted key, and `better`, `worse` for paired
-        differences at the optima, `sample` for waveforms. Every quantity is next to its
-        `…_standard_error`. No time of day and no duration: equal studies are equal.
+        Dimensions are load and one per sweep by its dotted key; `better` and `worse` for paired
+        differences at the optima; `sample` for waveforms. Every quantity has a variable
+        `…_standard_error`. Times and durations are omitted, so that equal studies give equal files.
         """
         grid = self.grid
         dimensions = ("load", *grid.sweeps)
@@ -465,21 +472,22 @@ class LoadStudy(ResultBase):
             return
         pairs = {(lead.better, lead.worse): lead for lead in differences}
         leads = [pairs[pair] for pair in itertools.pairwise(order)]
-        ranking = "".join(f" {'>' if lead.differs else '='} {lead.worse}" for lead in leads)
+        ranking = "".join(f" {_sign(lead)} {lead.worse}" for lead in leads)
         yield f"ranking at the optima{f', {words}' if words else ''}: {order[0]}{ranking}"
         for lead in leads:
             distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
             has_error = self.scene.excitation.random and math.isfinite(distance)
             sure = f", {distance:.1f} standard errors" if has_error else ""
-            sure += ", no significant difference" * (not lead.differs)
+            known = not math.isnan(lead.standard_error)
+            sure += ", no significant difference" * (known and not lead.differs)
             yield f"  {lead.better} over {lead.worse}: {share_with_error(lead)} (paired){sure}"
 
     def _failures(self):
-        """Failures of points, and notes on the others, each printed once."""
+        """Failures of points and notes on other points, without duplicates."""
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            values = self._place(point)
+            values = self._swept_values(point)
             lines = notes if outcome == COMPLETE else [outcome]
             points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
@@ -487,8 +495,13 @@ class LoadStudy(ResultBase):
                 yield f"{load}{' at ' * bool(where)}{where}: {note}"
 
 
+def _sign(lead):
+    """How a ranking joins two loads; "?" if the difference between them has no error bar."""
+    return "?" if math.isnan(lead.standard_error) else ">" if lead.differs else "="
+
+
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
-    """The method that runs the points, and the circuit that checks it, or None."""
+    """The method that simulates the points, and the circuit that checks it or None."""
     if method == JUDGED:
         return engine_of("monte-carlo", step=step), engine_of("circuit", step=step)
     if isinstance(method, str) and method not in ENGINES:
@@ -499,7 +512,7 @@ def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | No
 
 
 def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
-    """The method of a point; a load that Monte Carlo cannot simulate is run by the circuit."""
+    """The method of a point; the circuit if Monte Carlo cannot simulate its load."""
     if not isinstance(method, Engine):
         require_resistor(scene, method.name)
     elif not isinstance(method, Circuit):
@@ -515,19 +528,19 @@ def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
 def proofs(
     runner: Runner, grid: Grid, engines: tuple[Engine, Engine], evaluations: list[Evaluation]
 ) -> list[Proof]:
-    """The circuit compared with Monte Carlo, on the same noise, at chosen points of the latter."""
+    """Compare the circuit with Monte Carlo on the same noise at selected points."""
     first, judge = ((engine, runner.version(engine.name)) for engine in engines)
     return runner.follow(
         [
             proving(index, highest, grid.points[index].scene, first, judge)
-            for index, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            for index, highest in points_to_check(grid, evaluations, grid.scene.run.seed)
             if evaluations[index].method == engines[0].name
         ]
     )
 
 
 def _proof_variables(study, dimensions):
-    """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
+    """(circuit − Monte Carlo)/Monte Carlo of the output power; NaN at unchecked points."""
     attributes = {
         "difference": "difference",
         "difference_standard_error": "standard_error",
@@ -548,7 +561,7 @@ def _optima(study):
     key, others = study.curve_keys
     if key is None:
         return {}
-    places = np.array(study.grid.sweeps[key])
+    positions = np.array(study.grid.sweeps[key])
     dimensions = ("load", *others)
     shape = study.optima.shape
 
@@ -557,7 +570,7 @@ def _optima(study):
 
     attributes = {"along": key}
     return {
-        "highest_at": (dimensions, array(lambda o: math.nan if o[1] is None else places[o[1]])),
+        "highest_at": (dimensions, array(lambda o: math.nan if o[1] is None else positions[o[1]])),
         "optimum": (dimensions, array(lambda o: o[0].place), attributes),
         "optimum_low": (dimensions, array(lambda o: o[0].low), attributes),
         "optimum_high": (dimensions, array(lambda o: o[0].high), attributes),
@@ -566,7 +579,7 @@ def _optima(study):
 
 
 def _differences(study):
-    """P(better)/P(worse) − 1 of the loads at their optima, nan where the order is the other."""
+    """P(better)/P(worse) − 1 of the loads at their optima; NaN for the reverse order."""
     _, others = study.curve_keys
     loads = study.grid.loads
     shape = (len(loads), len(loads), *study.optima.shape[1:])
@@ -583,7 +596,7 @@ def _differences(study):
 
 
 def _waveforms(study):
-    """A few periods at each load's highest point, where there are any."""
+    """A few periods at each load's highest point, if there are any."""
     _, others = study.curve_keys
     best = {where: study.best(where) for where in np.ndindex(study.optima.shape)}
     drawn = {where: e.waveform for where, e in best.items() if e and e.waveform is not None}

@@ -1,1 +1,1 @@
-"""Optimum of a mean over one parameter or several."""
+"""Maximise a mean over one or several parameters."""

@@ -1,8 +1,8 @@
 """Flat region of a maximum: the range of each parameter without a significant loss.
 
-Points further and further out along each axis are compared with the maximum on the same noise, so
-that a difference is known better than either value. Where a point turns out to be higher, the
-search moves there and begins again.
+Points at increasing distance along each axis are compared with the maximum on the same noise, so
+that differences are more precise than values. If a point is higher, the search moves to it and
+starts again.
 """
 
 from collections.abc import Sequence
@@ -14,56 +14,55 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
-# A point belongs to the flat region if it loses at most this share, within this many standard
-# errors.
+# A point belongs to the flat region if its loss is at most this share, within this number of
+# standard errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
-# The first step outwards is the distance to the end of the range, halved HALVINGS times. The edge
-# is then located by REFINEMENTS further halvings, by more for a method WITHOUT_NOISE.
+# The first step is the distance to the end of the range, halved HALVINGS times. REFINEMENTS
+# bisections then locate the edge, or WITHOUT_NOISE for a method without noise.
 HALVINGS, REFINEMENTS, WITHOUT_NOISE = 6, 2, 8
-# A point counts as higher if its excess is more than HIGHER standard errors and more than the share
-# SHARE_HIGHER.
+# A point is higher if its excess exceeds HIGHER standard errors and the share SHARE_HIGHER.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
-# The region is sought around at most this many points, each higher than the one before.
+# Maximum number of points around which the region is sought, each higher than the one before.
 MOVES = 6
 
 
 @dataclass(frozen=True)
 class FlatSide:
-    """Extent of the flat region on one side of one axis.
+    """Extent of the flat region on one side along one axis.
 
     Attributes
     ----------
     end : float
-        Coordinate of the furthest point that is still flat; nan where the runs are too short for
+        Coordinate of the farthest point that is still flat; NaN if the runs are too short for
         errors of differences.
     is_open
-        It is the end of the range, or nothing was lost up to there.
+        Whether the flat region extends to the end of the range.
     """
 
     end: float
     is_open: bool
 
 
-def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
-    """Climb to a point that no other along an axis exceeds, and measure how flat it is there.
+def climb(objective: Objective, point: tuple, stage: int) -> tuple[tuple, Any, list]:
+    """Climb to a point that no other point along an axis exceeds, and measure its flat region.
 
-    `place` holds coordinates; `stage` is the number of the noise stream. Returns the point, its
+    `place`: coordinates of the start; `stage`: number of the noise stream. Returns the point, its
     answer, and (FlatSide below, FlatSide above) for each axis.
     """
-    (answer,) = objective.answers([place], stage, moments=True)
+    (answer,) = objective.answers([point], stage, moments=True)
     moves = 0
     while True:
-        rays, higher = _look_around(objective, place, answer, stage)
+        rays, higher = _look_around(objective, point, answer, stage)
         if higher is None or moves == MOVES - 1:
             sides = [ray.side() for ray in rays]
-            return place, answer, list(zip(sides[::2], sides[1::2], strict=True))
-        place, answer = higher
+            return point, answer, list(zip(sides[::2], sides[1::2], strict=True))
+        point, answer = higher
         moves += 1
 
 
-def _look_around(objective, place, answer, stage):
-    """Rays from a point with the flat part of each, and (point, answer) of a higher one."""
-    rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
+def _look_around(objective, point, answer, stage):
+    """Rays from a point with their flat parts, and (point, answer) of a higher point or None."""
+    rays = [_Ray(axis, way, point) for axis in range(len(point)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
         pairs = [(ray, share) for ray in rays for share in ray.wanted(turn)]
@@ -84,19 +83,19 @@ def _look_around(objective, place, answer, stage):
 class _Ray:
     """A line from a point along one axis to an end of its range."""
 
-    def __init__(self, axis, way, place):
-        self._axis, self._way, self._place = axis, way, place
-        self._length = place[axis] if way < 0.0 else 1.0 - place[axis]
+    def __init__(self, axis, way, point):
+        self._axis, self._way, self._place = axis, way, point
+        self._length = point[axis] if way < 0.0 else 1.0 - point[axis]
         self.flat, self.known = {}, True
 
     def at(self, reach):
-        """The point so far out, as a share of the ray."""
+        """The point at the share `reach` of the ray."""
         moved = list(self._place)
         moved[self._axis] = min(max(moved[self._axis] + self._way * reach * self._length, 0.0), 1.0)
         return tuple(moved)
 
     def wanted(self, turn):
-        """Shares of the ray to look at next."""
+        """Shares of the ray to evaluate next."""
         if self._length < 1e-9:
             return []
         if turn == 0:
@@ -111,7 +110,7 @@ class _Ray:
         return FlatSide(self.at(inside)[self._axis], outside is None)
 
     def _edge(self):
-        """The last flat share before the first that is not, and that one."""
+        """The last flat share before the first one that is not flat, and this one or None."""
         inside = 0.0
         for reach in sorted(self.flat):
             if not self.flat[reach]:
@@ -120,8 +119,8 @@ class _Ray:
         return inside, None
 
 
-def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParameter]:
-    """The flat ranges that `climb` found, in the unit of each parameter."""
+def ranges(axes: Sequence[Axis], point: tuple, sides: list) -> list[OptimalParameter]:
+    """The flat ranges from `climb`, in the unit of each parameter."""
     return [
         OptimalParameter(
             axis=axis,
@@ -131,5 +130,5 @@ def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParam
             open_low=below.is_open,
             open_high=above.is_open,
         )
-        for axis, coordinate, (below, above) in zip(axes, place, sides, strict=True)
+        for axis, coordinate, (below, above) in zip(axes, point, sides, strict=True)
     ]

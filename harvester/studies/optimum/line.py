@@ -1,8 +1,8 @@
-"""An optimum over one parameter: by averaging, then by simulation on common noise.
+"""Maximise over one parameter: by averaging, then by simulation on common noise.
 
-Averaging scans the range and refines its highest point. Simulations near it share their noise, so
-that differences of their values are far more precise than the values. A cubic through them has the
-maximum; the paired errors of the values give its standard error.
+Averaging scans the range and refines its highest point. Simulations near it have common noise, so
+that differences of their values are far more precise than the values. The maximum is that of a
+cubic fit; its standard error follows from paired errors of the values.
 
     value                      window, half width 0.25 of the range
       |               [....o....^....o....]     o simulated   ^ maximum of the cubic
@@ -10,10 +10,10 @@ maximum; the paired errors of the values give its standard error.
       |     .         :         |         :
       +---------------:---------|---------:------ parameter
 
-    1. The slope at the window's middle is significant: move the window uphill.
-    2. The cubic does not follow the values, or falls by more than 0.15: halve the window.
-    3. Two standard errors exceed 0.15 of the half width: run as many realizations as it takes.
-    4. None of these: the maximum of the cubic, with its standard error, is the result.
+        1. The slope at the window's middle is significant: move the window uphill.
+        2. The cubic does not fit the values, or falls by more than 0.15: halve the window.
+        3. Two standard errors exceed 0.15 of the half width: increase the number of realizations.
+        4. Otherwise the maximum of the cubic, with its standard error, is the result.
 """
 
 import math
@@ -49,26 +49,26 @@ from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import NOTHING, is_nothing, series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
-# Points of averaging's scan; points between the neighbours of its highest; degree of the polynomial
-# through them; points of a fit to simulations.
+# Number of points of averaging's scan; of its refinement between the neighbours of the highest
+# point; degree of the polynomial fitted to them; number of simulated points of a fit.
 SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
-# Half width of the fitted window as a share of the range, at first and at least. The window is
+# Half width of the fitted window as a share of the range, initially and at least. The window is
 # halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Two standard errors of the optimum may be this share of the window's half width. Otherwise the
-# next round has the realizations that would reach it, times this reserve, but at most this multiple
-# of the present number.
+# Maximum ratio of two standard errors of the optimum to the window's half width. If it is exceeded,
+# the next round has the required number of realizations times RESERVE, but at most
+# TIMES_REALIZATIONS times the present number.
 WANTED, RESERVE, TIMES_REALIZATIONS = 0.15, 1.2, 4.0
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16.0, "circuit": 1.0}
-# A narrower window is fitted if a value deviates from the cubic by this number of standard errors,
-# and by this share of the fall within the window.
+# The window is narrowed if a value deviates from the cubic by this number of standard errors, and
+# by this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
-# A maximum must exceed the ends of its window by STANDS_OUT of itself; less is a plateau. The
-# window is not narrowed if the fall is below NARROWED: a kink looks the same at every scale, and no
-# cubic follows it.
+# A maximum must exceed the ends of its window by STANDS_OUT of its value; otherwise it is a
+# plateau. The window is not narrowed if the fall is below NARROWED: a kink looks the same at every
+# scale, and no cubic fits it.
 STANDS_OUT, NARROWED = 1e-3, 1e-2
-# The window moves to a maximum that is off its middle by more than this share of its half width.
+# The window is centred at a maximum farther from its middle than this share of its half width.
 RECENTRED = 0.2
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
 
@@ -83,11 +83,11 @@ def along(
     stages: Stages,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over one parameter, all of it but its time."""
-    # One spacing of knots for the whole range: else points would not share their noise.
+    """The optimum over one parameter, except its computing time."""
+    # A common knot spacing for the whole range gives all points the same noise.
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
     (device,) = on_common_knots([scene], ends)
-    location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    location, value, reason = None, None, f"does not compute {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
         stages.begin(0.0, 0.3, "stationary averages")
         location, value, reason = averaged(device, axis, quantity, closure, runner)
@@ -131,11 +131,11 @@ def amount(answer: Answer, quantity: str) -> float:
 def averaged(
     scene: Scene, axis: Axis, quantity: str, closure: str, runner: Runner
 ) -> tuple[float | None, float | None, str]:
-    """(point, value, reason) of the maximum by averaging; point and value None with a reason."""
+    """(position, value, "") of the maximum by averaging, or (None, None, reason)."""
 
     def values(coordinates):
-        places = [axis.value(c) for c in coordinates]
-        requests = [Request(scene.replace({axis.key: location}), closure) for location in places]
+        locations = [axis.value(c) for c in coordinates]
+        requests = [Request(scene.replace({axis.key: location}), closure) for location in locations]
         outcomes = answers_in_time(runner, requests)
         refusals = [str(outcome) for outcome in outcomes if isinstance(outcome, HarvesterError)]
         amounts = [
@@ -148,12 +148,12 @@ def averaged(
     scanned, refusals = values(grid)
     top = int(np.argmax(scanned))
     if not math.isfinite(scanned[top]):
-        return None, None, f"refused everywhere: {refusals[0]}"
+        return None, None, f"not valid anywhere in the range: {refusals[0]}"
     if top in (0, SCANNED - 1):
         end = axis.value(grid[top])
         return None, None, f"largest at the end of the range, {axis.key} = {end:.4g}"
     if not (math.isfinite(scanned[top - 1]) and math.isfinite(scanned[top + 1])):
-        return None, None, f"largest beside where it is refused: {refusals[0]}"
+        return None, None, f"largest next to points at which it is not valid: {refusals[0]}"
     for side, values_there in (("below", scanned[:top]), ("above", scanned[top:])):
         lowest = min(value for value in values_there if math.isfinite(value))
         if not scanned[top] - lowest > STANDS_OUT * abs(scanned[top]):
@@ -161,7 +161,7 @@ def averaged(
     closer = np.linspace(grid[top - 1], grid[top + 1], REFINED)
     around, refusals = values(closer)
     if refusals:
-        return None, None, f"largest beside where it is refused: {refusals[0]}"
+        return None, None, f"largest next to points at which it is not valid: {refusals[0]}"
     fit = np.polynomial.Polynomial.fit(closer, around, DEGREE)
     fine = np.linspace(closer[0], closer[-1], 2001)
     best = int(np.argmax(fit(fine)))
@@ -169,9 +169,10 @@ def averaged(
 
 
 class Search:
-    """The maximum of a quantity by simulation, all points on the same noise.
+    """The maximum of a quantity by simulation, with the same noise for all points.
 
-    `scene`: the scene, with one knot spacing for all points; `begin`: called before each window.
+    `scene`: the scene, with the knot spacing common to all points; `begin`: called before each
+    window.
     """
 
     def __init__(
@@ -190,9 +191,9 @@ class Search:
         self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
-        """Point with its standard error, and the values that it was fitted to.
+        """Return the maximum's position with its standard error, and the values of the fit.
 
-        `start`: coordinate to begin at; None: the highest of some points over the whole range.
+        `start`: initial coordinate; None: the highest of some points over the whole range.
         """
         centre = self._highest() if start is None else start
         half = WINDOW
@@ -210,19 +211,19 @@ class Search:
                 centre = self._better_seen(centre, half, fit, answers)
             elif not fit.error or 2.0 * fit.error > WANTED:
                 if not self._lengthen(RESERVE * (2.0 * (fit.error or math.inf) / WANTED) ** 2):
-                    return self._found(centre, half, fit, coordinates, answers)
+                    return self._estimated(centre, half, fit, coordinates, answers)
             else:
-                return self._found(centre, half, fit, coordinates, answers)
+                return self._estimated(centre, half, fit, coordinates, answers)
         raise OptimumError(
             f"{self.axis.key}: the maximum of {self._name()} could not be distinguished from "
             f"noise; {longer_runs(self.scene)}, or give a range around it with --from and --to"
         )
 
     def request(self, coordinate: float, **options: Any) -> Request:
-        """The request for one point, with the number of realizations that the precision needs."""
+        """The request for one point, with the number of realizations for the required precision."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
-        more = math.ceil(self._more * self.scene.run.realizations)
-        realizations = None if self._more == 1.0 else more
+        increased = math.ceil(self._more * self.scene.run.realizations)
+        realizations = None if self._more == 1.0 else increased
         return Request(scene, self.method, realizations=realizations, **options)
 
     def _answers(self, coordinates):
@@ -239,7 +240,7 @@ class Search:
         return float(grid[np.argmax(values)])
 
     def _moved(self, centre, half, fit, answers):
-        """The next window's centre, towards the higher side if the slope is significant."""
+        """The next window's centre, uphill if the slope is significant."""
         if not fit.sloped:
             if self._lengthen():
                 return centre
@@ -256,10 +257,12 @@ class Search:
         return centre + side * half
 
     def _better_seen(self, centre, half, fit, answers):
-        """The next window's centre, if the fitted maximum is not above both ends of the
-        present window."""
+        """The next window's centre, if the fitted maximum does not exceed both ends of the present
+        window.
+        """
         around = min(max(centre + half * fit.place, half), 1.0 - half)
-        # The place is no better known than a fall that is lost in noise.
+        # If the fall is within noise, the position is too uncertain, and more realizations are
+        # needed.
         longer = fit.noisy_ends and self._lengthen()
         if longer or abs(around - centre) > RECENTRED * half:
             return around
@@ -274,25 +277,25 @@ class Search:
         )
 
     def _refuse_flat(self, window, answers, flat, otherwise):
-        """Refuse points between which nothing differs: where all are 0, for that reason."""
+        """Raise OptimumError if no differences are significant; say if all values are 0."""
         values = [answer.in_units()[self.quantity] for answer in answers]
         unit = unit_of(self.scene, values[0].dimension)
-        places = ", ".join(
+        listing = ", ".join(
             f"{with_error(value, unit)} at {self.axis.value(coordinate):.4g}"
             for value, coordinate in zip(values, _spread(*window), strict=True)
         )
-        advice = f"{flat}: {places}; {longer_runs(self.scene)}, or {otherwise}"
+        advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
             advice = f"is 0 within its errors at all {len(values)} points: {NOTHING}"
         raise OptimumError(f"{self.axis.key}: {self._name()} {advice}")
 
     def _lengthen(self, times=TIMES_REALIZATIONS):
-        """Multiply the number of realizations; False if it is at its limit already."""
+        """Multiply the number of realizations; return False if it is already at its limit."""
         before, most = self._more, MOST_TIMES_REALIZATIONS[self.method.name]
         self._more = min(before * min(times, TIMES_REALIZATIONS), most)
         return self._more > before
 
-    def _found(self, centre, half, fit, coordinates, answers):
+    def _estimated(self, centre, half, fit, coordinates, answers):
         if fit.error is None:
             raise OptimumError(
                 f"{self.axis.key}: the runs are too short for an interval; "
@@ -304,19 +307,19 @@ class Search:
             (self.axis.value(c), answer.in_units()[self.quantity])
             for c, answer in zip(coordinates, answers, strict=True)
         ]
-        place = self.axis.value(coordinate)
+        location = self.axis.value(coordinate)
         if isinstance(self.method, Engine) and not self.scene.excitation.random:
-            # A step error that differs between points moves the maximum by such a share.
-            there = self.scene.replace({self.axis.key: place})
-            cost = step_error(prepared(there), self.method.step, self.method.name)
-            error = math.hypot(error, cost * place)
-        return Estimate(place, error, None, "1"), fitted
+            # A step error that varies over the window moves the maximum in proportion.
+            scene_at_maximum = self.scene.replace({self.axis.key: location})
+            cost = step_error(prepared(scene_at_maximum), self.method.step, self.method.name)
+            error = math.hypot(error, cost * location)
+        return Estimate(location, error, None, "1"), fitted
 
     def _refuse_end(self, coordinate):
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
             f"{self.axis.value(coordinate):.4g}, by {self.method.name}: "
-            f"{(*self._missing, 'no optimum inside; widen it with --from and --to')[0]}"
+            f"{(*self._missing, 'no optimum inside; extend it with --from and --to')[0]}"
         )
 
     def _name(self):
@@ -329,30 +332,30 @@ def _spread(centre, half):
 
 
 class CubicFit:
-    """Cubic through values at points from −1 to 1, with errors from the noise they share.
+    """Cubic through values at points from −1 to 1, with errors from their common noise.
 
-    `error_of`: the error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
+    `error_of`: error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
 
     Attributes
     ----------
     place, error
-        Position of the maximum, and its error from noise.
+        Position of the maximum, and its statistical error.
     bias : float
-        Distance of a spline's maximum from there, if values deviate from the
-        cubic beyond chance.
+        Distance to the maximum of a spline, if values deviate significantly from the cubic;
+        otherwise 0.
     slope
         Slope at the middle of the window.
     sloped, peaked
-        Whether the slope, and the downward curvature, are beyond chance.
+        Whether the slope, and the downward curvature, are significant.
     drop
         Fall from the maximum to the lower end, as a share of the maximum.
     misfit
-        Whether the deviation from the cubic matters and the window can be narrowed.
+        Whether the deviation from the cubic is relevant, so that the window should be narrowed.
     flat_to : int
-        −1 or 1, the end that the values do not surely fall to from the point nearest to the
-        maximum; 0: they fall to both.
+        −1 or 1: the end at which the value is not significantly below that of the point nearest to
+        the maximum; 0: there is none.
     noisy_ends
-        Whether longer runs could decide that.
+        Whether longer runs could make this fall significant.
     """
 
     def __init__(
@@ -378,7 +381,7 @@ class CubicFit:
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
-            # The maximum moves so that c1 + 2 c2 t + 3 c3 t² stays zero.
+            # The maximum t satisfies c1 + 2 c2 t + 3 c3 t² = 0.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
             self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
@@ -386,28 +389,31 @@ class CubicFit:
         self._look_for_misfit(places, values, series, powers @ solve)
         self._look_at_ends(places, values, series)
 
-    def _look_for_misfit(self, places, values, series, fitting):
-        residual = np.eye(len(places)) - fitting
+    def _look_for_misfit(self, positions, values, series, fitting):
+        residual = np.eye(len(positions)) - fitting
         off = np.abs(residual @ values)
         errors = [self._error_of(row) for row in np.tensordot(residual, series, 1)]
         beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
         self.bias, self.misfit = 0.0, False
         if beyond and self.peaked:
             fine = np.linspace(-1.0, 1.0, 20001)
-            self.bias = float(abs(fine[np.argmax(CubicSpline(places, values)(fine))] - self.place))
+            self.bias = float(
+                abs(fine[np.argmax(CubicSpline(positions, values)(fine))] - self.place)
+            )
             fall = values.max() - max(values[0], values[-1])
             narrow = fall <= NARROWED * values.max()
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
-    def _look_at_ends(self, places, values, series):
-        """Compare the measured values at the window's ends with the highest: a cubic through
-        a plateau has a maximum too."""
+    def _look_at_ends(self, positions, values, series):
+        """Compare the values at the window's ends with the highest, since a cubic fit of a plateau
+        also has a maximum.
+        """
         self.flat_to, self.noisy_ends = 0, False
-        nearest = int(np.argmin(np.abs(places - self.place)))
+        nearest = int(np.argmin(np.abs(positions - self.place)))
         least = STANDS_OUT * abs(values[nearest])
         for end in (0, -1):
             fall = values[nearest] - values[end]
             error = self._error_of(series[nearest] - series[end])
             if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
-                self.flat_to = int(np.sign(places[end]))
+                self.flat_to = int(np.sign(positions[end]))
                 self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

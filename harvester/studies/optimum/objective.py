@@ -1,4 +1,4 @@
-"""A quantity of a scene as a function of some of its parameters."""
+"""A quantity of a scene as a function of its parameters."""
 
 import itertools
 import math
@@ -24,10 +24,10 @@ from harvester.studies.answers import (
 )
 from harvester.studies.optimum.axis import Axis
 
-# A value within this number of its standard errors of 0 is none.
+# A value within this number of its standard errors of 0 counts as 0.
 NOTHING_SIGMAS = 2.0
 NOTHING = (
-    "there is nothing to optimise. Check the excitation (level, frequency) and the load: a "
+    "so it cannot be optimised. Check the excitation (level, frequency) and the load: a "
     "rectifier conducts above its diodes' voltages, a lockout or regulator above its threshold"
 )
 
@@ -40,8 +40,8 @@ def is_nothing(value: Estimate) -> bool:
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     """Deviations of batches from a quantity's mean, in the scene's units: (realizations, batches).
 
-    Without noise one row, the mean over the starts on the followed orbit. The answer holds its
-    moments; `harvester.statistics.paired.deviations` accepts the quantity.
+    Without noise there is one row, the mean over the starts on the followed orbit. The answer must
+    contain its moments, and `harvester.statistics.paired.deviations` must accept the quantity.
     """
     factor = answer.prepared_scene.scales.of(answer.quantities[quantity].dimension)
     series = factor * deviations(answer.moments, quantity)
@@ -49,9 +49,9 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 
 
 class Objective:
-    """A quantity at points in the unit cube of some axes.
+    """A quantity at points in the unit cube of some parameters.
 
-    `begin`: given the numbers of points that are evaluated before and after a list of them.
+    `begin`: function of the numbers of points evaluated before and after a batch of points.
     """
 
     def __init__(
@@ -73,26 +73,26 @@ class Objective:
         self._runner, self._begin = runner, begin
         self.evaluated = 0
 
-    def values_at(self, place: Sequence[float]) -> dict[str, float]:
+    def values_at(self, point: Sequence[float]) -> dict[str, float]:
         """The parameters at a point."""
-        return {a.key: a.value(float(c)) for a, c in zip(self.axes, place, strict=True)}
+        return {a.key: a.value(float(c)) for a, c in zip(self.axes, point, strict=True)}
 
-    def scene_at(self, place: Sequence[float], stage: int = 0) -> Scene:
+    def scene_at(self, point: Sequence[float], stage: int = 0) -> Scene:
         """The scene at a point; each stage of a search has different noise."""
-        changes = self.values_at(place)
+        changes = self.values_at(point)
         if stage and self.noisy:
             words = np.random.SeedSequence(self.scene.run.seed, spawn_key=(stage, 0))
             changes["run.seed"] = int(words.generate_state(1, np.uint64)[0])
         return self.scene.replace(changes)
 
-    def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
-        """Answers at points; at points that fail, the error.
+    def answers(self, points: Sequence, stage: int = 0, **options: Any) -> list:
+        """Answers at points; the error at points that fail.
 
-        `**options`: of the `Request`.
+        `**options`: options of the `Request`.
         """
-        answers: list[Any] = [None] * len(places)
+        answers: list[Any] = [None] * len(points)
         requests: dict[int, Request] = {}
-        for k, location in enumerate(places):
+        for k, location in enumerate(points):
             try:
                 requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:
@@ -105,11 +105,11 @@ class Objective:
         return answers
 
     def value(self, answer: Any) -> float:
-        """See `value_of`; nan of a beam that is strained beyond its limit."""
+        """The quantity as in `value_of`; NaN if a beam's strain exceeds its limit."""
         return math.nan if self.is_overstrained(answer) else value_of(answer, self.quantity)
 
     def is_overstrained(self, answer: Any) -> bool:
-        """Whether the mean peak of the layers' strain is above the scene's limit."""
+        """Whether the mean peak strain of the layers is above the scene's limit."""
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if limit is None or not is_complete(answer):
             return False

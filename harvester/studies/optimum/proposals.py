@@ -1,11 +1,12 @@
-"""Proposals of points for the maximum of a noisy quantity of several parameters.
+"""Propose points for the maximum of a noisy quantity of several parameters.
 
-By Optuna's tree-structured Parzen estimator (Bergstra et al., NeurIPS 24 (2011); Akiba et al.,
-KDD (2019)), which takes several parameters together and forgives runs that fail. It was chosen by
-measurement, all in batches of 8: the lowest of 10 searches of 500 evaluations over the published
-65 536 powers of a bistable harvester (americocunhajr/HarvesterOpt, f and Ω, highest 0.0172, most
-of the range below 0.01), and the median and largest loss, as shares of the maximum, under noise of
-5 % of it: the Branin function (two parameters, 120 evaluations) and Hartmann's of three (160).
+Optuna's tree-structured Parzen estimator (Bergstra et al., NeurIPS 24 (2011); Akiba et al., KDD
+(2019)) models parameters jointly and tolerates failed runs. The table shows the comparison that led
+to this choice, all in batches of 8. Column 2: the lowest of 10 searches of 500 evaluations over the
+published 65 536 powers of a bistable harvester (americocunhajr/HarvesterOpt, f and Ω, highest
+0.0172, most of the range below 0.01). Columns 3 and 4: median and largest loss, as shares of the
+maximum, under noise of 5 % of it, for the Branin function (two parameters, 120 evaluations) and
+Hartmann's of three (160).
 
 ====================================  =======  ===========  ===========  =================
 method                                lowest   Branin       Hartmann 3   s for 500 points
@@ -19,9 +20,9 @@ Gaussian process, scikit-optimize     —        0.3, 0.4 %   —            50 
 extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 for 200 points
 ====================================  =======  ===========  ===========  =================
 
-A Gaussian process does better still in few evaluations of a smooth function, at half a second for
-each (two searches of 80 only were measured); Optuna's needs PyTorch. What the Parzen estimator
-leaves, the climb of `harvester.studies.optimum.flat_region` takes.
+A Gaussian process is better in few evaluations of a smooth function, but takes half a second for
+each (only two searches of 80 were measured); Optuna's needs PyTorch. The climb of
+`harvester.studies.optimum.flat_region` then corrects the remaining loss.
 """
 
 import warnings
@@ -32,15 +33,15 @@ import numpy as np
 
 from harvester.base.libraries import optional_library
 
-# Points proposed at a time. The number does not depend on the workers, since the answers decide the
-# next points.
+# Number of points proposed at a time. It is independent of the number of workers, since the answers
+# determine the next points.
 BATCH = 8
 
 
 class Proposals:
-    """Proposes points in the unit cube; the same ones for the same answers.
+    """Proposes points in the unit cube, reproducibly for the same answers.
 
-    `first`: a point to begin with.
+    `first`: the first point.
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):
@@ -62,12 +63,12 @@ class Proposals:
         self._trials: list[Any] = []
 
     def ask(self, count: int = BATCH) -> list[tuple]:
-        """`count` points, tuples of coordinates in 0 … 1."""
+        """`count` points as tuples of coordinates in 0 … 1."""
         self._trials = [self._study.ask(self._distributions) for _ in range(count)]
         return [tuple(trial.params[name] for name in self._names) for trial in self._trials]
 
     def tell(self, values: Sequence[float | None]) -> None:
-        """Values at the points asked for last; None where there is none."""
+        """Report the values at the last proposed points; None for a missing value."""
         for trial, value in zip(self._trials, values, strict=True):
             if value is None:
                 self._study.tell(trial, state=self._failed)

@@ -1,4 +1,4 @@
-"""The result of `optimum`, over any number of parameters, and how it is shown."""
+"""The result of `optimum` over one or several parameters, and its display."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Averaging:
     Attributes
     ----------
     place, value : float or None
-        Point and value of averaging's maximum; None (see the reason) if it refuses or has none
-        inside.
+        Position and value of averaging's maximum; None (see the reason) if averaging is not valid
+        or has no maximum inside the range.
     value_at_simulated_place
-        Averaging's value at the point that simulation found.
+        Averaging's value at the optimum by simulation.
     """
 
     closure: str
@@ -51,32 +51,32 @@ class Averaging:
 
 @dataclass(frozen=True, repr=False)
 class Optimum(ResultBase):
-    """Optimum of a quantity; in the scene's units.
+    """Optimum of a quantity, in the scene's units.
 
-    Over one parameter a curve is fitted to several points, and compared with averaging. Over
-    several a library proposes points, and the limits of each parameter's flat range are searched.
+    For one parameter, a curve is fitted to several points, and compared with averaging. For
+    several, a library proposes points, and the limits of each parameter's flat range are sought.
 
     Attributes
     ----------
     parameters
-        Each with its value at the optimum.
+        Each parameter with its value at the optimum.
     value
-        Value from a run at the optimum; over several parameters on fresh noise.
+        Value from a run at the optimum; for several parameters on independent noise.
     searched : list of (dict, Estimate)
-        Points and values: those that the last fit used; over several parameters those proposed,
-        nan where a run failed.
+        Points and values: those of the last fit; for several parameters all proposed points, with
+        NaN if a run failed.
     averaging
-        Optimum by averaging, over one parameter.
+        Optimum by averaging, for one parameter.
     own
-        The value of the scene itself, over several parameters.
+        The value for the unchanged scene, for several parameters.
     orbits
-        The orbits that drawn starts reach at the point without noise, the followed one first.
+        Without noise: the orbits reached from random starts at the optimum, the followed one first.
     notes
         Caveats for citing the value.
     evaluations
-        Runs in all, over several parameters.
+        Total number of runs, for several parameters.
     seconds
-        Wall-clock, of this call.
+        Wall-clock time of this call (s).
     """
 
     scene: Scene
@@ -106,7 +106,7 @@ class Optimum(ResultBase):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Optimum ± two standard errors; over several parameters, value ± two standard errors."""
+        """Optimum ± two standard errors; for several parameters, value ± two standard errors."""
         about = self.value if self.averaging is None else self.place
         reach = INTERVAL * (math.nan if about.standard_error is None else about.standard_error)
         return about.estimate - reach, about.estimate + reach
@@ -137,12 +137,12 @@ class Optimum(ResultBase):
         ]
 
     def _records(self):
-        """Header and a row for each point that was searched, in the scene's units."""
+        """Header and one row per searched point, in the scene's units."""
         keys = [key_column(key, self.scene.units) for key in self.keys]
         header = [*keys, f"{self.quantity} [{self.unit}]", f"standard_error [{self.unit}]"]
         return header, [
-            [*(place[key] for key in self.keys), mean.estimate, mean.standard_error]
-            for place, mean in self.searched
+            [*(location[key] for key in self.keys), mean.estimate, mean.standard_error]
+            for location, mean in self.searched
         ]
 
     def _table_of_methods(self, averaging):
@@ -165,28 +165,30 @@ class Optimum(ResultBase):
         return header, rows
 
     def _headline(self) -> str:
-        """The optimum, its value, and the search's objective."""
-        places = ", ".join(
+        """The optimum, its value, and the maximised quantity."""
+        listing = ", ".join(
             f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
             for parameter in self.parameters
         )
         words = self.quantity.replace("_", " ")
-        return f"most {words}: {with_error(self.value, self.unit)} at {places}, by {self.method}"
+        return (
+            f"largest {words}: {with_error(self.value, self.unit)} at {listing}, by {self.method}"
+        )
 
-    def _at(self, key, place):
-        """A value of a key, with its unit."""
-        return quantity(place, key_words(key, self.scene.units)[1])
+    def _at(self, key, value):
+        """A value of a key with its unit, as text."""
+        return quantity(value, key_words(key, self.scene.units)[1])
 
     def _span(self, key, low, high):
-        """A range of a key, with its unit."""
+        """A range of a key with its unit, as text."""
         return span(low, high, key_words(key, self.scene.units)[1])
 
     def _findings(self) -> list[str]:
         """Sentences on the intervals of optimum and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
-        (one,) = self.parameters
-        key = one.axis.key
+        (parameter,) = self.parameters
+        key = parameter.axis.key
         searched = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
         return [
             *self._on_averaging(self.averaging),
@@ -200,19 +202,19 @@ class Optimum(ResultBase):
         ]
 
     def _on_averaging(self, averaging):
-        """Sentence: the deviation of averaging from the simulation."""
+        """Sentence on the deviation of averaging from the simulation."""
         words = f"averaging, {averaging.closure}"
         shift, value = self._off(averaging)
         lines = [f"{words}: no optimum: {averaging.reason}"]
         if shift is not None:
-            lines = [f"{words}: place {shift:+.1%}, value {value:+.1%} off {self.method}"]
+            lines = [f"{words}: optimum {shift:+.1%}, value {value:+.1%} from {self.method}"]
         if averaging.value_at_simulated_place is not None:
             off = averaging.value_at_simulated_place / self.value.estimate - 1.0
             lines.append(f"{words}, at {self.method}'s optimum: {off:+.1%}")
         return lines
 
     def _off(self, averaging):
-        """Averaging's deviation of optimum and value, as shares."""
+        """Averaging's relative deviations of optimum and value."""
         if averaging.place is None:
             return None, None
         location_deviation = averaging.place / self.place.estimate - 1.0
@@ -233,13 +235,13 @@ class Optimum(ResultBase):
         ]
 
     def _on_ranges(self):
-        """Sentences: the flat range of each parameter."""
+        """Sentences on the flat range of each parameter."""
         lines: list[str] = []
         values = [value.estimate for _, value in self.searched]
         failures = sum(map(math.isnan, values))
         if is_nothing(self.value):
             words = self.quantity.replace("_", " ")
-            return [f"{words} is 0 within its error where it is largest: {NOTHING}"]
+            return [f"{words} is 0 within its error at the optimum, {NOTHING}"]
         if any(
             math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
         ):
@@ -250,11 +252,11 @@ class Optimum(ResultBase):
             if parameter.is_narrow:
                 lines.append(
                     f"{parameter.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} "
-                    "of its range: a device must hold the value closely"
+                    "of its range: the device needs a tight tolerance"
                 )
             if parameter.open_low and parameter.open_high:
                 lines.append(
-                    f"{parameter.axis.key}: flat: nowhere in the range significantly more than "
+                    f"{parameter.axis.key}: flat: in the whole range not significantly more than "
                     f"{FLAT_SHARE:.0%} below the maximum, so that all values of the range are "
                     f"equal within the errors; {longer_runs(self.scene)}, vary another parameter, "
                     "or give another range"
@@ -267,7 +269,7 @@ class Optimum(ResultBase):
                 if is_open:
                     lines.append(
                         f"{parameter.axis.key}: still within {FLAT_SHARE:.0%} at the end of its "
-                        f"range, {self._at(parameter.axis.key, end)}: there may be more beyond"
+                        f"range, {self._at(parameter.axis.key, end)}: the maximum may be beyond it"
                     )
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
@@ -276,22 +278,22 @@ class Optimum(ResultBase):
         return lines
 
     def _on_orbits(self):
-        """Sentences: the orbit that the search followed, and the others at the point."""
+        """Sentences on the followed orbit, and the other orbits at the optimum."""
         if not self.orbits:
             return []
         scene, count = with_orbit(self.scene), sum(orbit.starts for orbit in self.orbits)
         return [
-            f"of {count} drawn starts there: {on_orbits(scene, self.orbits)}",
+            f"of {count} random starts at the optimum: {on_orbits(scene, self.orbits)}",
             'run.orbit = "best" or "weighted", with run.starts = 16 or more, optimises the orbit '
             "with the most power, or the mean over starts",
         ]
 
     def _on_runs(self):
-        """Sentence: the runs of an optimum over several parameters."""
+        """Sentence on the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        accuracy = "no noise: the optimum to the method's own precision"
+        accuracy = "no noise: the optimum has the method's precision"
         if noisy:
-            accuracy = "value on fresh noise; interval: two standard errors; seed "
+            accuracy = "value on independent noise; interval: two standard errors; seed "
             accuracy += str(self.scene.run.seed)
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
@@ -299,7 +301,7 @@ class Optimum(ResultBase):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; over one parameter averaging and simulation side by side."""
+        """Plain values for JSON; for one parameter, averaging and simulation in parallel."""
         findings = self._side_by_side(self.averaging) if self.averaging else self._over_several()
         return plain(
             {
@@ -314,10 +316,10 @@ class Optimum(ResultBase):
 
     def _side_by_side(self, averaging):
         location_deviation, value = self._off(averaging)
-        (one,) = self.parameters
+        (parameter,) = self.parameters
         return {
-            "over": one.axis.key,
-            "range": [one.axis.low, one.axis.high],
+            "over": parameter.axis.key,
+            "range": [parameter.axis.low, parameter.axis.high],
             "averaging": {
                 **fields_of(averaging),
                 "place_deviation": location_deviation,
@@ -329,7 +331,7 @@ class Optimum(ResultBase):
                 "interval": self.interval,
                 "value": self.value,
                 "fitted": [
-                    {"place": values[one.axis.key], **mean.to_dict()}
+                    {"place": values[parameter.axis.key], **mean.to_dict()}
                     for values, mean in self.searched
                 ],
             },
@@ -357,31 +359,31 @@ class Optimum(ResultBase):
         }
 
 
-def _draw(found):
-    """Points searched, the maximum, how far it is flat.
+def _draw(optimum):
+    """Draw the searched points, the maximum, and its flat range.
 
-    Over several parameters points differ in the others too, so that the highest of them are the
-    outline.
+    With several parameters the points also differ in the others, so only the upper envelope is
+    meaningful.
     """
-    panels = [_panel(found, parameter) for parameter in found.parameters]
+    panels = [_panel(optimum, parameter) for parameter in optimum.parameters]
     title = (
-        f"{found.scene.name}: {len(found.searched)} points searched, by {found.method} "
+        f"{optimum.scene.name}: {len(optimum.searched)} points searched, by {optimum.method} "
         "(bars: two standard errors)"
     )
     return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
 
 
-def _panel(found, each):
-    key = each.axis.key
-    factor, unit = prefixed(found.value.estimate, found.unit.split()[0])
-    places = [location[key] for location, _ in found.searched]
-    searched = [value.times(factor) for _, value in found.searched]
+def _panel(optimum, parameter):
+    key = parameter.axis.key
+    factor, unit = prefixed(optimum.value.estimate, optimum.unit.split()[0])
+    coordinates = [location[key] for location, _ in optimum.searched]
+    searched = [value.times(factor) for _, value in optimum.searched]
     values = [value.estimate for value in searched]
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
-    top = found.value.times(factor)
+    top = optimum.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
     maximum = Series(
-        x=[each.place],
+        x=[parameter.place],
         y=[top.estimate],
         label="maximum",
         colour=MAXIMUM,
@@ -391,22 +393,26 @@ def _panel(found, each):
         size=8.0,
     )
     return Panel(
-        x_label=key_label(key, found.scene.units),
-        y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",
-        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
-        log_x=each.axis.logarithmic,
-        more=partial(_draw_bounds, found, each, factor),
+        x_label=key_label(key, optimum.scene.units),
+        y_label=f"{optimum.quantity.replace('_', ' ')} [{unit or '1'}]",
+        series=[Series(coordinates, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=parameter.axis.logarithmic,
+        more=partial(_draw_bounds, optimum, parameter, factor),
     )
 
 
-def _draw_bounds(found, each, factor, axes):
-    """Draw the interval of the optimum, or the flat region, and the scene's own value."""
-    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
-    if each.standard_error is not None:
-        (low, high), label = found.interval, "interval of the place"
+def _draw_bounds(optimum, parameter, factor, axes):
+    """Draw the optimum's interval or flat region, and the value of the unchanged scene."""
+    low, high, label = (
+        parameter.flat_low,
+        parameter.flat_high,
+        f"within {FLAT_SHARE:.0%}, the others held",
+    )
+    if parameter.standard_error is not None:
+        (low, high), label = optimum.interval, "interval of the place"
     if not math.isnan(low + high):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
-    if found.own is not None:
+    if optimum.own is not None:
         axes.axhline(
-            factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+            factor * optimum.own.estimate, color=OWN, linestyle=":", label="the scene itself"
         )

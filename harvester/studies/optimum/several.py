@@ -1,12 +1,12 @@
-"""An optimum over several parameters together.
+"""Maximise over several parameters together.
 
-Proposals of a library for noisy functions are evaluated on common noise; the highest are run again
-on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
-the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
-nothing was chosen by.
+1. A library for noisy functions proposes points, which are evaluated on common noise.
+2. The highest points are run again on independent noise, since the highest of many is biased.
+3. From the best of them, the search climbs along the axes and measures the flat region.
+4. A last run on independent noise gives the value without selection bias.
 
 Methods without noise continue from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis,
-Hong Kong Polytechnic University, 2022), to their own precision.
+Hong Kong Polytechnic University, 2022), to their precision.
 """
 
 import math
@@ -32,18 +32,18 @@ from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Default number of proposals for each parameter, and of points of a grid instead.
+# Default number of proposals per parameter, and number of grid points that replace them.
 EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
-# Number of points that are run again on fresh noise.
+# Number of points that are run again on independent noise.
 CONFIRMED = 5
-# Radius of trust of a method without noise, as a share of the ranges, at first and at the end: a
-# maximum is flat to 1e-9 within the last.
+# Trust radius of a method without noise, as a share of the ranges, initially and finally: within
+# the latter a maximum is flat to 1e-9.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
 # Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
-# Noise streams, by number: for the search, for the chosen points, and for the final value.
+# Numbers of the noise streams: for the search, for the chosen points, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
 
 
@@ -57,7 +57,7 @@ def over_several(
     evaluations: int | None = None,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over several parameters, all of it but its time; see `optimum`."""
+    """The optimum over several parameters, except its computing time; see `optimum`."""
     usual = GRID if _by_grid(axes, is_noisy(scene, method)) else EVALUATIONS_EACH * len(axes)
     count = usual if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
@@ -66,7 +66,7 @@ def over_several(
             f"{MOST_EVALUATIONS}"
         )
     if len(axes) > MOST_PARAMETERS:
-        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
+        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters")
     expected = 1 + count + CONFIRMED + CLIMB_EACH * len(axes)
 
     def begin(done, after):
@@ -105,47 +105,54 @@ def over_several(
 
 
 def _by_grid(axes, noisy):
-    """Whether a grid replaces proposals: one parameter, without noise."""
+    """Whether a grid replaces proposals: for one parameter without noise."""
     return len(axes) == 1 and not noisy
 
 
 def _search(objective, count):
-    """Points proposed and their values; of one parameter without noise a grid."""
+    """Proposed points and their values; for one parameter without noise, a grid."""
     searched: list[tuple] = []
     axes, proposals = objective.axes, None
     grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
-        # The search begins at the scene itself, if that lies within the ranges.
-        own = [axis.own(objective.scene) for axis in axes]
-        inside = all(axis.low <= value <= axis.high for axis, value in zip(axes, own, strict=True))
-        first = [axis.coordinate(value) for axis, value in zip(axes, own, strict=True) if inside]
+        # The search begins at the scene's values if they are in the ranges.
+        scene_values = [axis.own(objective.scene) for axis in axes]
+        inside = all(
+            axis.low <= value <= axis.high for axis, value in zip(axes, scene_values, strict=True)
+        )
+        first = [
+            axis.coordinate(value) for axis, value in zip(axes, scene_values, strict=True) if inside
+        ]
         proposals = Proposals(len(axes), objective.scene.run.seed, first or None)
     while len(searched) < count:
         done, size = len(searched), min(BATCH, count - len(searched))
-        places = proposals.ask(size) if proposals else grid[done : done + size]
-        values = [objective.value(answer) for answer in objective.answers(places)]
+        points = proposals.ask(size) if proposals else grid[done : done + size]
+        values = [objective.value(answer) for answer in objective.answers(points)]
         if proposals:
             proposals.tell([finite(value) for value in values])
-        searched += zip(places, values, strict=True)
+        searched += zip(points, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
         raise OptimumError(f"all runs failed, at each of {len(searched)} points")
     return searched
 
 
 def _chosen(objective, searched):
-    """The highest point; under noise the highest of the best ones on fresh noise."""
+    """The highest point; under noise, the highest of the best points on independent noise."""
     ended = [pair for pair in searched if not math.isnan(pair[1])]
-    highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
+    highest = [
+        coordinates
+        for coordinates, _ in sorted(ended, key=lambda point_and_value: -point_and_value[1])
+    ]
     if not objective.noisy:
         return highest[0]
-    places = list(dict.fromkeys(highest))[:CONFIRMED]
-    values = [objective.value(answer) for answer in objective.answers(places, AGAIN, moments=True)]
+    points = list(dict.fromkeys(highest))[:CONFIRMED]
+    values = [objective.value(answer) for answer in objective.answers(points, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
         raise OptimumError("the second runs failed at all of the highest points")
-    return places[int(np.nanargmax(values))]
+    return points[int(np.nanargmax(values))]
 
 
-def _refined(objective, place):
+def _refined(objective, point):
     """The maximum near a point, to the precision of a method without noise."""
 
     def loss(coordinates):
@@ -153,8 +160,8 @@ def _refined(objective, place):
         value = objective.value(answer)
         return math.inf if math.isnan(value) else -value / scale
 
-    (answer,) = objective.answers([place])
+    (answer,) = objective.answers([point])
     scale = abs(objective.value(answer)) or 1.0
     radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
-    best = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
+    best = minimize(loss, point, method="COBYQA", bounds=[(0.0, 1.0)] * len(point), options=radii)
     return tuple(map(float, best.x))

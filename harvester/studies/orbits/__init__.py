@@ -1,1 +1,1 @@
-"""Coexisting motions of a driven device: basins, bifurcations, and how long wells hold it."""
+"""Coexisting motions of a driven device: basins, bifurcations, and residence times in wells."""

@@ -1,4 +1,4 @@
-"""`basins`: the steady motion that a driven device settles on, for each start on a grid."""
+"""`basins`: the steady motion that a driven device reaches from each start on a grid."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ from harvester.studies.orbits.following import Orbit
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# Most starts along one side of the grid; its square is `run.starts`' limit of a million.
+# Maximum number of starts along one side of the grid; its square is the maximum of `run.starts`.
 MOST_POINTS = 1000
-# Most orbits that a figure names.
+# Maximum number of orbits named in a figure.
 MOST_NAMED = 10
 COLOURS = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#999933",
     "#8C564B", "#882255",
 )  # fmt: skip
 NOT_FOLLOWED = "0.9"
-# Two orbits have the same power if it differs by less than this share, as mirror images do.
+# Orbits whose powers differ by less than this share, such as mirror images, count as equal.
 ALIKE_POWER = 0.01
 
 
 @dataclass(frozen=True, repr=False)
 class Basins(ResultBase):
-    """The steady motions of a driven device and where each is reached from, in the scene's units.
+    """The steady motions of a driven device and their basins of attraction, in the scene's units.
 
     Attributes
     ----------
     displacements, velocities : ndarray, shapes (n,), (m,)
-        Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
-        begins.
+        Coordinates of the starts. The transducer's state is 0, and a load's stores have the initial
+        values of its netlist.
     orbit : ndarray of int, shape (m, n)
-        Index in `orbits` of each start; −1: not followed.
+        Index in `orbits` of the orbit reached from each start; −1: not followed.
     orbits
         The orbits, the one with the most starts first.
     periods
-        Least number of forcing periods that each start was followed.
+        Minimum number of forcing periods for which each start was followed.
     """
 
     scene: Scene
@@ -84,7 +84,7 @@ class Basins(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text: one row for each orbit."""
+        """Header and rows as text: one row per orbit."""
         header = ["orbit", "motion", "share of starts", "mean power", "rms voltage"]
         header += ["rms displacement", "displacement at the period's beginning"]
         header += ["largest Lyapunov exponent [1/s]"]
@@ -124,18 +124,18 @@ class Basins(ResultBase):
         count = int((self.orbit >= 0).sum())
         starts = "1 start" if count == 1 else f"{count} starts"
         lines = [
-            f"{self.method}: {self.engine_version}; {starts}, each for {self.periods} periods of "
-            f"the excitation or more; {self.seconds:.2f} s",
+            f"{self.method}: {self.engine_version}; {starts}, each followed for at least "
+            f"{self.periods} periods of the excitation; {self.seconds:.2f} s",
             f"plane of the starts: {self._axis('displacement', self.displacements)}, "
             f"{self._axis('velocity', self.velocities)}, with an "
-            "empty transducer at the beginning of a period of the excitation; `displacement` "
-            "and `velocity` set others",
+            "uncharged transducer at the beginning of a period of the excitation; `displacement` "
+            "and `velocity` change the grid",
             *orbit_sentences(self.orbits, self.unit),
-            "a share counts the starts on this grid: another grid has other shares",
+            "shares are those of starts on this grid, and depend on the grid",
         ]
-        left = self.orbit.size - count
-        if left:
-            lines.append(f"{left} starts were not followed: the time budget was spent")
+        unfollowed = self.orbit.size - count
+        if unfollowed:
+            lines.append(f"{unfollowed} starts were not followed: the time budget was spent")
         return lines
 
     def _axis(self, name, values):
@@ -146,7 +146,7 @@ class Basins(ResultBase):
         return f"{values.size} values of the {name} from {ends}"
 
     def _dataset(self) -> Dataset:
-        """Number of the orbit over velocity and displacement."""
+        """Index of the orbit over velocity and displacement."""
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         return require_xarray().Dataset(
             {"orbit": (("velocity", "displacement"), self.orbit)},
@@ -156,7 +156,7 @@ class Basins(ResultBase):
 
 
 def _section(orbit, unit):
-    """Text: the range of the section's displacements, by which mirror images differ."""
+    """Text on the range of the section's displacements, which distinguishes mirror images."""
     if not orbit.steady or not orbit.points.size:
         return NOT_KNOWN
     displacements = orbit.points[:, 0]
@@ -166,7 +166,7 @@ def _section(orbit, unit):
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
-    """Sentences on the number of motions, and the share of the one with the most power."""
+    """Sentences on the number of motions, and the share of the motion with the largest power."""
     if not orbits:
         return []
     steady = [orbit for orbit in orbits if orbit.steady]
@@ -175,10 +175,10 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     plural = "" if len(steady) == 1 else "s"
     lines = [f"{len(steady) or 'no'} steady motion{plural}{': ' if named else ''}{named}"]
     if steady:
-        best = max(steady, key=lambda each: each.mean_power)
-        least = min(steady, key=lambda each: each.mean_power)
+        best = max(steady, key=lambda orbit: orbit.mean_power)
+        least = min(steady, key=lambda orbit: orbit.mean_power)
         lines.append(
-            f"most power on orbit {best.name}, {best.text('mean_power', unit('power'))}: "
+            f"largest power on orbit {best.name}, {best.text('mean_power', unit('power'))}: "
             f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"
         )
         if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
@@ -204,7 +204,7 @@ def axes_of_starts(
     """Displacements and velocities of the grid, in the scene's units."""
     span = energy_range(driven)
     if points > MOST_POINTS:
-        raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
+        raise HarvesterError(f"--points {points}: must be at most {MOST_POINTS} starts per side")
     default = {"displacement": (span.low, span.high), "velocity": (-span.speed, span.speed)}
     axes = []
     for name, coordinates in (("displacement", displacement), ("velocity", velocity)):
@@ -215,7 +215,7 @@ def axes_of_starts(
         values = np.array(real_numbers(coordinates, f"--{name}", "[-0.01, 0.0, 0.01]"))
         if not (np.diff(values) > 0.0).all():
             raise HarvesterError(
-                f"--{name} {shown(coordinates)}: must be rising numbers, such as "
+                f"--{name} {shown(coordinates)}: must be ascending numbers, such as "
                 "numpy.linspace(-0.01, 0.01, 41) in Python and -0.01:0.01:41 on the command line"
             )
         axes.append(values)
@@ -223,11 +223,11 @@ def axes_of_starts(
 
 
 def _draw(basins):
-    """The plane of the starts in the colours of the orbits."""
+    """Draw the plane of the starts in the colours of the orbits."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure
 
-    # From the eleventh on, orbits share the last colour.
+    # From the tenth on, orbits share the last colour.
     colour_index = np.minimum(basins.orbit, MOST_NAMED - 1)
     colours = ListedColormap([NOT_FOLLOWED, *COLOURS])
     norm = BoundaryNorm(np.arange(-1.5, MOST_NAMED), colours.N)
@@ -253,7 +253,7 @@ def _draw(basins):
     axes.set_ylabel(f"velocity at the start [{basins.unit('velocity')}]")
     legend: Any = figure.legend(loc="outside lower center", ncols=2, fontsize=6)
     for handle in legend.legend_handles:
-        # The points of a chaotic motion are too small for a legend.
+        # The markers of a chaotic motion are too small for a legend.
         handle.set(markersize=6.0, markeredgewidth=0.6)
     set_title(figure, f"{basins.scene.name}: basins (dots: the orbits, at the period's beginning)")
     return figure

@@ -1,7 +1,7 @@
 """`bifurcation`: stroboscopic sections of a driven device over any key, up and down.
 
-Each point begins where the one before it ended, so that the device keeps its branch for as long as
-there is one.
+Each point starts from the final state of the previous one, so that the device stays on its branch
+while this exists.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of, perio
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# Number of values in one task: a killed run loses at most this many.
+# Number of values in one task: an interrupted run loses at most this many.
 PLACES_TOGETHER = 25
-# A jump between two values: the section's mean or deviation changes by more than this share of its
-# greatest displacement, or the power's logarithm by more than this. Either is more than this
-# multiple of the largest of the next two changes before or behind, whichever is less. Chaos changes
-# everywhere and so is no jump.
+# A jump between two values: the section's mean or standard deviation changes by more than this
+# share of its largest displacement, or the logarithm of the power by more than JUMP_OF_POWER. The
+# change also exceeds JUMP_RATIO times the largest of the NEARBY changes on one side. Chaotic motion
+# varies everywhere, and is therefore not a jump.
 JUMP_SHARE, JUMP_OF_POWER, JUMP_RATIO, NEARBY = 0.1, 0.4, 4.0, 2
-# Most values of one direction that the table shows; files hold all.
+# Maximum number of values of one direction in the table; files contain all.
 MOST_VALUES_SHOWN = 25
-# Tables of a scene that do not affect the section, so their keys cannot be varied.
+# Tables of a scene that do not affect the section, so that their keys cannot be varied.
 UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
 
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump: two neighbouring values between which one direction leaves its branch.
+    """A jump: two neighbouring values between which a sweep leaves its branch.
 
     Attributes
     ----------
     before, after
-        The last value on the old branch and the first on the new one.
+        The last value on the old branch and the first value on the new one.
     power_before, power_after
         Mean powers on both sides of the jump, in the scene's units.
     """
@@ -76,20 +76,20 @@ class Jump:
 
 @dataclass(frozen=True)
 class Branch:
-    """One direction; arrays over the values, in rising order and the scene's units.
+    """One sweep direction; arrays over the values, in ascending order and in the scene's units.
 
     Attributes
     ----------
     direction : "up" or "down".
     displacement, velocity : ndarray, shape (n, samples)
-        Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
+        Section: samples at the starts of the last forcing periods; NaN if a run failed.
     period : ndarray of int, shape (n,)
-        Period of the motion in forcing periods; 0 if it does not repeat itself.
-    motion : "period 2", "no period", or why there is no steady motion.
+        Period of the motion in forcing periods; 0 for an aperiodic motion.
+    motion : "period 2", "no period", or the reason for the lack of a steady motion.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
         NaN without a steady motion.
     errors : dict of str to ndarray, shape (n,)
-        Errors of these three, as in `harvester.studies.orbits.following.Orbit`.
+        Errors of these means, as in `harvester.studies.orbits.following.Orbit`.
     """
 
     direction: str
@@ -110,12 +110,12 @@ class Bifurcation(ResultBase):
     Attributes
     ----------
     values : ndarray, shape (n,)
-        Rising.
+        Values in ascending order.
     branches
-        Up, and down unless it was left out.
+        The upward sweep, and the downward sweep unless omitted.
     periods
         Number of forcing periods at each value before the samples.
-    failures : "up at VALUE" to why the run failed.
+    failures : reasons of failed runs, by "up at VALUE".
     """
 
     scene: Scene
@@ -149,11 +149,11 @@ class Bifurcation(ResultBase):
         )
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text; of many values some, and both sides of each jump."""
+        """Header and rows as text: a selection of the values, and both sides of each jump."""
         header, rows = self._records()
         ends = {(jump.direction, end) for jump in self.jumps for end in (jump.before, jump.after)}
         tabulated = {*self.values[:: self._every].tolist(), float(self.values[-1])}
-        # Each quantity shares its column with its error.
+        # Each quantity shares a column with its error.
         units = [self.unit(dimension) for dimension in QUANTITIES.values()]
         names = [name.replace("_", " ") for name in QUANTITIES]
         length = self.unit("displacement")
@@ -201,7 +201,7 @@ class Bifurcation(ResultBase):
         """Sentences on the findings, one line each."""
         lines = [
             f"{self.method}: {self.engine_version}; at each of {self.values.size} values "
-            f"{self.periods} periods of the excitation, then {SAMPLES} samples, one a period; "
+            f"{self.periods} periods of the excitation, then {SAMPLES} samples, one per period; "
             f"{self.seconds:.2f} s"
         ]
         for branch in self.branches:
@@ -219,32 +219,32 @@ class Bifurcation(ResultBase):
         ]
         if self._every > 1:
             lines.append(
-                f"the table has one of {self._every} values and both sides of each jump; "
-                "data() and its CSV file have all"
+                f"the table shows every {self._every}th value and both sides of each jump; "
+                "data() and its CSV file contain all"
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
-            lines.append("a load's stores begin at each value with the charges of its netlist")
+            lines.append("at each value, a load's stores have the initial charges of its netlist")
         lines += [line for branch in self.branches for line in self._of_chaos(branch)]
         lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
 
     def _most_power(self, branch):
-        """Sentence on the point with the most power; none where no motion has a power."""
+        """Sentence on the point with the largest power; empty if no motion has a power."""
         if not np.isfinite(branch.mean_power).any():
             return []
         best = int(np.nanargmax(branch.mean_power))
         power, error = branch.mean_power[best], branch.errors["mean_power"][best]
         most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
         where = self._named(self.values[best])
-        return [f"{branch.direction}: most power, {most}, at {where} ({branch.motion[best]})"]
+        return [f"{branch.direction}: largest power, {most}, at {where} ({branch.motion[best]})"]
 
     def _named(self, *values):
-        """The key and some of its values, with their unit."""
+        """The key and some of its values with units, as text."""
         words = (value_words(self.key, float(value), self.scene.units) for value in values)
         return f"{self.key} = {', '.join(words)}"
 
     def _of_chaos(self, branch):
-        """Sentence on values at which a mean without a period has no error bar."""
+        """Sentence on values at which the mean of an aperiodic motion has no error bar."""
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
         return [
             f"{branch.direction}: no error bar at {self._named(*self.values[missing])}: the power "
@@ -253,9 +253,10 @@ class Bifurcation(ResultBase):
         ] * bool(missing.any())
 
     def _dataset(self) -> Dataset:
-        """An xarray Dataset over direction, value and sample, in the scene's units.
+        """The sections and means as an xarray Dataset over direction, value and sample.
 
-        Each mean is next to its `…_standard_error`; the attribute `unit` is the unit.
+        Values are in the scene's units. Each mean has a variable `…_standard_error`; the attribute
+        `unit` is the unit.
         """
         axes, branches = ("direction", self.key), self.branches
         variables: dict[str, Any] = {"period": (axes, [branch.period for branch in branches])}
@@ -285,24 +286,24 @@ def climb(
     settings: dict[str, Any] | None = None,
     longer: int = 1,
 ) -> dict[str, Any]:
-    """Values one after another, each from where the last ended; in a worker process.
+    """Simulate consecutive values, each from the final state of the previous one, in a worker.
 
     Parameters
     ----------
     engine, step, settings
-        The engine's name, its step, and the options that differ from their defaults.
+        The engine's name, its step, and its non-default options.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods
-        Before the samples.
+        Number of forcing periods before the samples.
     longer
-        Multiple of the periods for which a value without a period is followed further.
+        A value with an aperiodic motion is followed further for this multiple of the periods.
 
     Returns
     -------
     dict
-        `rows`, shape (values, SAMPLES + 1, columns), in the scene's units; `end` to go on from;
-        `failures`, the reasons by the number of the point.
+        `rows`, shape (values, SAMPLES + 1, columns), in the scene's units; `end`, the final state;
+        `failures`, the reasons by the index of the point.
     """
     rows, failures = [], {}
 
@@ -344,11 +345,11 @@ def climbing(
     periods: int | None,
     directions: Sequence[str],
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: the directions one after another, some points in a task; the
-    Branch of each and the failures.
+    """Generator for `Runner.follow`: sweep in each direction, several points per task.
 
-    Each direction begins where the one before ended. `periods` None: as many as the device needs,
-    and more where it finds no period. None where the time was spent.
+    Returns the Branch of each direction and the failures; None if the time budget was spent. Each
+    direction starts where the previous one ended. `periods` None: as many as the device needs, and
+    more if no period is found.
     """
     start, branches, failures, scenes = None, [], {}, scenes_over(scene, key, values)
     for number, direction in enumerate(directions):
@@ -384,7 +385,7 @@ def _branch(scenes, engine, direction, samples):
     periods, motions = np.zeros(len(samples), dtype=int), []
     values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
     for k, driven in enumerate(scenes):
-        # Each section is compared with its own size: one motion may be a hundredth of another's.
+        # Each section is compared with its own size: one motion may be a hundredth of another.
         period, motion = motion_of(driven, samples[k])
         motions.append(motion)
         if motion not in UNSTEADY:
@@ -408,8 +409,10 @@ def _branch(scenes, engine, direction, samples):
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
-    """Jumps of section or power between neighbouring values: changes far larger than those next
-    to them."""
+    """Jumps of section or power between neighbouring values.
+
+    A jump is a change that is far larger than the neighbouring changes.
+    """
     section = branch.displacement
     size = float(np.nanmax(np.abs(section), initial=0.0)) or 1.0
     shape = np.stack([section.mean(axis=1), section.std(axis=1)])
@@ -418,7 +421,7 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
     grown = np.abs(np.diff(np.log(power)))
     jumps = []
     for k in range(values.size - 1):
-        # Sections without a period differ because they sample different parts of the motion.
+        # Aperiodic sections differ because they sample different parts of the motion.
         if branch.period[k] == 0 and branch.period[k + 1] == 0:
             continue
         if _stands_out(moved, k, JUMP_SHARE) or _stands_out(grown, k, JUMP_OF_POWER):
@@ -430,7 +433,7 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
 
 
 def _stands_out(change, k, least):
-    """Whether a change is more than `least`, and far more than those on one side of it."""
+    """Whether a change exceeds `least`, and is far larger than those on one side of it."""
     sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
     # Next to a value without a steady motion there is no change to compare with.
     nearby = [float(np.nanmax(changes)) for changes in sides if np.isfinite(changes).any()]
@@ -438,11 +441,11 @@ def _stands_out(change, k, least):
 
 
 def _draw(result):
-    """Section over the key, and mean power."""
+    """Draw the section and the mean power over the key."""
     section, power = [], []
     top = max(np.nanmax(branch.mean_power, initial=0.0) for branch in result.branches)
     factor, unit = prefixed(top, result.unit("power"))
-    # Many values make a picture of fine points, few need visible ones.
+    # Many values need small markers, few values large ones.
     largest = min(max(1.0, MOST_VALUES_SHOWN / result.values.size), 4.0)
     for branch in result.branches:
         size = largest * (1.0 if branch.direction == "up" else 0.6)
@@ -457,19 +460,19 @@ def _draw(result):
         Panel(label, f"displacement [{result.unit('displacement')}]", section),
         Panel(label, f"mean power [{unit}]", power, from_zero=True),
     ]
-    title = f"{result.scene.name}: one sample a period of the excitation, and the mean power "
+    title = f"{result.scene.name}: one sample per period of the excitation, and the mean power "
     title += "(bars: two errors)"
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)
 
 
 def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Prepared]:
-    """The prepared scene at each value, checked before anything runs."""
+    """The prepared scene at each value, checked before any run."""
     table = key.partition(".")[0]
     if table in UNUSED_TABLES:
         raise HarvesterError(
-            f"--over {key}: bifurcation takes its length from --periods and each start from the "
-            f"value before: nothing in [{table}] changes its result; name a key of another table"
+            f"--over {key}: the length is that of --periods and each start is that of the "
+            f"previous value, so [{table}] has no effect; name a key of another table"
         )
-    # Without a periodic excitation the key itself may not exist.
+    # Without a periodic excitation the key may not exist.
     forced(scene, "bifurcation")
     return [forced(scene.replace({key: float(value)}), "bifurcation") for value in values]

@@ -1,4 +1,4 @@
-"""Many starts of one driven device, followed to where they settle."""
+"""Follow many starts of a driven device until they reach a steady motion."""
 
 import math
 from collections.abc import Generator
@@ -45,18 +45,18 @@ from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import COLUMNS, STATE
 from harvester.statistics.transient import memory_of, transient_time
 
-# Samples are taken once the slowest transient has decayed to this share.
+# Samples are taken after the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6
-# Fewest and most periods that a start is followed if none are asked for.
+# Default limits of the number of periods for which a start is followed.
 FEWEST_PERIODS, MOST_PERIODS = 100, 2000
-# Most periods that a user may ask for: their samples of the excitation take some hundred megabytes.
+# Maximum number of periods for a user: their excitation samples need some hundred megabytes.
 MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
-# Starts without a period by then are followed for this many times the periods: chaos may be a
-# transient. This number of its starts is followed this much longer again, and all of them if one
-# finds a period. The best start of each cycle then goes on, at most ROUNDS times, until it
-# converges.
+# Starts without a period are followed for LONGER times the periods, since chaos may be transient.
+# WITNESSES of an aperiodic motion's starts are followed LONGER times longer again, and all of them
+# if one becomes periodic. Then the best start of each cycle is followed until it converges, in at
+# most ROUNDS rounds.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
@@ -66,24 +66,24 @@ class Orbit:
 
     Attributes
     ----------
-    name : A, B, … in the order of their shares; of an unsteady motion its `kind`.
-    kind : "period 3" or "chaotic", or of an unsteady motion one of `UNSTEADY`.
+    name : A, B, … in the order of the shares; for an unsteady motion its `kind`.
+    kind : "period 3" or "chaotic", or for an unsteady motion one of `UNSTEADY`.
     period
-        Period of the motion in forcing periods; None if it does not repeat itself.
+        Period of the motion in forcing periods; None for an aperiodic motion.
     lyapunov
-        Largest Lyapunov exponent (1/s) of a motion without a period.
+        Largest Lyapunov exponent (1/s) of an aperiodic motion.
     starts
-        Number of starts that settled on it.
+        Number of starts that reached the motion.
     share, share_error : float
-        Share of all starts, and its standard error as if they were a random sample of the plane.
+        Share of all starts, and its standard error, as if they were a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
-        Means over whole cycles of the start that converged best; of a chaotic motion over the
+        Means over whole cycles of the start that converged best; for a chaotic motion, over the
         samples of all its starts; NaN without a steady motion.
     errors : dict of str to float
-        Errors of these three: the remaining transient, or of a chaotic motion the standard
-        error, and the step error; NaN if the samples are too few.
+        Errors of these means: the step error, and the remaining transient or, for a chaotic motion,
+        the standard error; NaN if there are too few samples.
     points : ndarray, shape (n, 2)
-        Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
+        Stroboscopic section: displacement and velocity at the starts of forcing periods.
     """
 
     name: str
@@ -101,23 +101,23 @@ class Orbit:
 
     @property
     def steady(self) -> bool:
-        """Whether it is a motion with a power."""
+        """Whether it is a steady motion, which has a mean power."""
         return self.kind not in UNSTEADY
 
     def text(self, name: str, unit: str) -> str:
-        """One of `QUANTITIES` with its error, for reading."""
+        """One of `QUANTITIES` with its error, as text."""
         return with_error(Estimate(getattr(self, name), self.errors[name], None, unit), unit)
 
 
 def periods_of(driven: Prepared) -> int:
-    """Forcing periods in which the device and its load forget where they began."""
+    """Number of forcing periods after which the initial state of device and load is negligible."""
     transient = transient_time(driven, SETTLED_SHARE)
     periods = transient / float(driven.scene.excitation.period or 1.0)
     return int(min(max(periods, FEWEST_PERIODS), MOST_PERIODS)) + 1
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Raise if the starts cannot be followed, or exceed the memory."""
+    """Raise if the number of periods is too small, or exceeds the memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -127,15 +127,15 @@ def check_periods(periods: int | None, fewest: int) -> None:
 def following(
     driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: all starts to where they settle.
+    """Generator for `Runner.follow`: follow all starts until they reach a steady motion.
 
-    `periods` None: as many as the device needs, and `LONGER` times as many and more for those that
-    have no period by then.
+    `periods` None: as many as the device needs, and at least `LONGER` times as many for aperiodic
+    starts.
 
     Returns
     -------
     ndarray, shape (starts, SAMPLES + 1, columns)
-        NaN for starts that time was too short for.
+        NaN for starts that were not followed because time ran out.
     """
     first = _first_periods(driven, periods)
     sample_count = min(SAMPLES, first - 1)
@@ -143,14 +143,14 @@ def following(
     if periods is not None or np.isnan(samples).any():
         return samples
     plan = _Onwards(driven.scene, engine, version, starts, samples, first)
-    yield from plan.follow(_wandering(samples), 1, LONGER)
+    yield from plan.follow(_aperiodic(samples), 1, LONGER)
     for group in _groups(samples):
         if group.period is None:
             witnesses = group.members[:: math.ceil(group.members.size / WITNESSES)]
             yield from plan.follow(witnesses, LONGER, LONGER**2)
-            if _wandering(samples[witnesses]).size < witnesses.size:
-                others = np.setdiff1d(group.members, witnesses)
-                yield from plan.follow(others, LONGER, LONGER**2)
+            if _aperiodic(samples[witnesses]).size < witnesses.size:
+                remaining = np.setdiff1d(group.members, witnesses)
+                yield from plan.follow(remaining, LONGER, LONGER**2)
     return samples
 
 
@@ -158,8 +158,8 @@ def _first_periods(driven, periods):
     return periods or max(periods_of(driven), SAMPLES + 1)
 
 
-def _wandering(samples):
-    """Indices of the starts that stay in range and have no period."""
+def _aperiodic(samples):
+    """Indices of the starts that stay in range and are aperiodic."""
     inside = np.isfinite(samples).all(axis=(1, 2))
     states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)
     return np.flatnonzero(inside & (repetition(states) == 0))
@@ -173,7 +173,7 @@ def _groups(samples):
 
 
 class _Onwards(NamedTuple):
-    """Starts whose last samples, changed in place, are carried on."""
+    """Starts that are followed further; their last samples are updated in place."""
 
     scene: Scene
     engine: Engine
@@ -182,26 +182,26 @@ class _Onwards(NamedTuple):
     samples: np.ndarray
     periods: int
 
-    def follow(self, places, done, total):
+    def follow(self, indices, done, total):
         """Follow some starts from `done` to `total` times the periods."""
-        if not len(places):
+        if not len(indices):
             return
-        # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
-        # capacitors and inductors have states too, so runs restart.
+        # With a resistor the samples contain the full state, so runs continue from them. A
+        # netlist's capacitors and inductors have further states, so runs restart.
         if self.scene.load.is_resistor:
-            begin, times = self.samples[places, -1, :STATE], total - done
+            begin, times = self.samples[indices, -1, :STATE], total - done
         else:
-            begin, times = self.starts[places], total
+            begin, times = self.starts[indices], total
         later = yield from _pieces(
             self.scene, self.engine, self.version, begin, times * self.periods,
             self.samples.shape[1] - 1,
         )  # fmt: skip
-        self.samples[places] = np.where(np.isnan(later), self.samples[places], later)
+        self.samples[indices] = np.where(np.isnan(later), self.samples[indices], later)
 
 
-def _pieces(scene, engine, version, starts, periods, kept):
-    """Samples of all starts, divided into tasks of several starts each."""
-    calls = calls_of(scene, engine, starts, periods, kept)
+def _pieces(scene, engine, version, starts, periods, sample_count):
+    """Yield tasks of several starts each, and return the samples of all starts."""
+    calls = calls_of(scene, engine, starts, periods, sample_count)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
         [
@@ -213,7 +213,7 @@ def _pieces(scene, engine, version, starts, periods, kept):
     for answer, call in zip(answers, calls, strict=True):
         if isinstance(answer, HarvesterError):
             raise answer
-        missing = np.full((len(call["starts"]), kept + 1, len(COLUMNS)), np.nan)
+        missing = np.full((len(call["starts"]), sample_count + 1, len(COLUMNS)), np.nan)
         pieces.append(missing if answer is None else answer)
     return np.concatenate(pieces)
 
@@ -221,8 +221,11 @@ def _pieces(scene, engine, version, starts, periods, kept):
 def orbits_of(
     driven: Prepared, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, followed by
-    the kinds of the other starts, and each start's index in these (−1: not followed)."""
+    """Generator for `Runner.follow`: the orbits that the starts reach.
+
+    Returns the orbits with their powers, followed by the kinds of the other starts, and the index
+    in this list for each start (−1: not followed).
+    """
     samples = yield from following(driven, engine, version, starts, periods)
     groups = _groups(samples)
     motions = yield from _cycles(driven, engine, version, starts, samples, groups, periods)
@@ -236,7 +239,7 @@ def orbits_of(
             exponent = exponent_of(scene, parting, scale)
             if exponent is not None and exponent.chaotic and unsettled != CHARGING:
                 motions.append((group.members, samples[group.members], group.points, exponent))
-    motions.sort(key=lambda each: (-each[0].size, each[0].min()))
+    motions.sort(key=lambda motion: (-motion[0].size, motion[0].min()))
     which, orbits = np.full(len(starts), -1), []
     followed, ended = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
     escaped, diverged = ended & (samples[:, -1, 0] > 0.0), ended & (samples[:, -1, 0] < 0.0)
@@ -266,8 +269,8 @@ def orbits_of(
 def _cycles(driven, engine, version, starts, samples, groups, periods):
     """Periodic motions: the members of each, its best start's samples and its section.
 
-    The best start of each group goes on until it has converged; groups whose best starts come to
-    the same cycle are one motion.
+    The best start of each group is followed until it converges. Groups whose best starts reach the
+    same cycle are merged.
     """
     members = [group.members for group in groups if group.period]
     best = np.array(
@@ -295,7 +298,7 @@ def _remains(driven, samples):
 
 
 def _unsettled(driven):
-    """Why starts have not converged: a store of the load may be slower than they are followed."""
+    """Reason why starts have not converged, e.g. a store that is slower than the time followed."""
     load, period = driven.scene.load.circuit, float(driven.scene.excitation.period)
     stores = load and load.stores
     periods = transient_time(driven, SETTLED_SHARE) / period
@@ -317,7 +320,7 @@ def motion_of(driven: Prepared, samples: np.ndarray) -> tuple[int, str]:
 
 
 def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
-    """An outcome of some starts; without values one that is no steady motion."""
+    """An outcome of some starts; without values, an unsteady motion."""
     values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
     means, errors = (dict(zip(QUANTITIES, map(float, row), strict=True)) for row in values)
     points = np.empty((0, 2)) if points is None else points

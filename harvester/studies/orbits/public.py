@@ -1,4 +1,4 @@
-"""The studies of coexisting motions that users call; see `harvester.studies.public`."""
+"""Public studies of coexisting motions; see `harvester.studies.public`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def basins(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Basins:
-    """The steady motion that a driven device settles on, for each start on a grid.
+    """The steady motion that a driven device reaches from each start on a grid.
 
     Parameters
     ----------
@@ -50,15 +50,14 @@ def basins(
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
         Coordinates of the starts, in the scene's units, such as numpy.linspace(-0.01, 0.01, 41)
-        (default: the energies up to beyond the device's largest motion).
+        (default: all energies up to above the largest motion's).
     points : int
-        Starts per side; omitted values have defaults.
+        Starts per side for omitted coordinates.
     periods : int or None
-        Number of periods of the excitation, that each start is followed for (default: as many as
-        the device needs to forget its start, and three times as many for those without a period by
-        then).
+        Number of periods of the excitation for which each start is followed (default: as many as
+        the transient needs, and three times as many for starts that are then aperiodic).
     method : str or Method
-        monte-carlo (the equations themselves) or circuit (ngspice).
+        monte-carlo (the equations integrated directly) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
@@ -70,8 +69,8 @@ def basins(
 
     Notes
     -----
-    Starts have the given displacement and velocity at the beginning of a period, an empty
-    transducer, and a load's stores as its netlist begins.
+    Starts have the given displacement and velocity at the beginning of a period, an uncharged
+    transducer, and the initial values of a load's stores in its netlist.
 
     Examples
     --------
@@ -136,14 +135,12 @@ def bifurcation(
     values : sequence of float or None
         Values of the key, such as numpy.linspace(1, 12, 100).
     down : bool
-        The way down is taken as well, and shows where there are several motions; `--up-only`
-        leaves it out.
+        The downward sweep is also simulated, and shows coexisting motions; `--up-only` omits it.
     periods : int or None
-        Number of periods of the excitation, at each value before the samples (default: as many as
-        the device needs to forget the value before, and nine times as many where it finds no
-        period by then).
+        Number of periods of the excitation at each value before the samples (default: as many as
+        the transient needs, and nine times as many if the motion is then aperiodic).
     method : str or Method
-        monte-carlo (the equations themselves) or circuit (ngspice).
+        monte-carlo (the equations integrated directly) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
@@ -152,11 +149,11 @@ def bifurcation(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is named among `failures`.
+        A mistake in the call. A failed simulation is listed in `failures`.
 
     Notes
     -----
-    Each value begins where the one before it ended, the first one at the scene's start.
+    Each value starts from the final state of the previous one, the first from the scene's start.
 
     Examples
     --------
@@ -179,7 +176,7 @@ def bifurcation(
     key, values = key_and_values(over, values)
     rising = np.unique(values)
     if rising.size < 2:
-        raise HarvesterError("--values: must be two different numbers or more")
+        raise HarvesterError("--values: must be at least two different numbers")
     scenes = work.scenes_over(scene, key, rising)
     settling = periods or max(periods_of(scene_at_value) for scene_at_value in scenes)
     directions = ("up", "down") if down else ("up",)
@@ -212,7 +209,7 @@ def residence(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Residence:
-    """Mean time for which noise leaves a device in a well, compared with Kramers' formula.
+    """Mean residence time of a device in its wells under noise, compared with Kramers' formula.
 
     Parameters
     ----------
@@ -223,10 +220,10 @@ def residence(
     values : sequence of float or None
         Values of that key, such as numpy.geomspace(0.02, 0.06, 5).
     precision : float or None
-        Relative standard error, for which realizations are doubled up to 64 times the scene's;
-        None: the scene's own run.
+        Target relative standard error, for which realizations are doubled up to 64 times the
+        scene's number; None: use the scene's number.
     method : str or Method
-        monte-carlo (the equations themselves) or circuit (ngspice).
+        monte-carlo (the equations integrated directly) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
@@ -235,7 +232,7 @@ def residence(
     Raises
     ------
     HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its point.
+        A mistake in the call. A failed simulation is the outcome of its point.
 
     Examples
     --------
@@ -252,11 +249,11 @@ def residence(
     engine = engine_of(method, step=step)
     engine.check(scene)
     key: str | None = None
-    places: list[Any] = [None]
+    points: list[Any] = [None]
     if over is not None or values is not None:
         key, values = key_and_values(over or "", values)
-        places = [*values]
-    scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in places]
+        points = [*values]
+    scenes = [prepared(scene if key is None else scene.replace({key: number})) for number in points]
     for prepared_scene in scenes:
         work.require_wells(prepared_scene)
     with open_runner(**running) as runner:
@@ -264,7 +261,7 @@ def residence(
         outcomes: list[Any] = runner.follow(
             [
                 work.staying(prepared_scene, value, engine, version, precision)
-                for prepared_scene, value in zip(scenes, places, strict=True)
+                for prepared_scene, value in zip(scenes, points, strict=True)
             ]
         )
     return work.Residence(

@@ -1,4 +1,4 @@
-"""`residence`: how long noise leaves a device in a well, compared with Kramers' formula."""
+"""`residence`: residence times in a well under noise, compared with Kramers' formula."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ from harvester.statistics.estimate import Estimate
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
+# Minimum number of stays for an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
-# Few stays estimate their scatter badly: their error is at least the one of exponential times.
+# Fewer stays estimate their scatter poorly: the error is at least that of exponential times.
 FEW_STAYS = 64
-# Longer times by the knots of white noise are noted from this share on. They were 1.9 ± 0.2 %
-# longer where the lacking density times the barrier is 1.2 %.
+# Longer times due to the knots of white noise are noted from this share on. Times were 1.9 ± 0.2 %
+# longer if the missing density times the barrier was 1.2 %.
 NOTED_BY_KNOTS = 2e-3
-# Number of realizations in one task, and how often their number is doubled to reach the precision.
+# Number of realizations per task, and maximum number of doublings to reach the precision.
 TOGETHER, MOST_DOUBLINGS = 8, 6
-# Lowest barrier, in temperatures (units of kT), for Kramers' formula: at three it is some
-# 15 % off.
+# Lowest barrier, in temperatures (units of kT), for Kramers' formula: at three its error is about
+# 15 %.
 FEWEST_TEMPERATURES = 3.0
-# Most by which the noise's colour may change the rate's exponent: the share by which the noise's
-# density at the well's frequency lies below that at zero, times the barrier in temperatures.
+# Maximum effect of the noise's colour on the rate's exponent: the relative decrease of the noise
+# density from zero to the well's frequency, times the barrier in temperatures.
 MOST_COLOUR = 0.1
-# Largest share of the well's stiffness, and of the damping, that the transducer may add.
+# Maximum share of the well's stiffness, and of the damping, due to the transducer.
 MOST_TRANSDUCER = 0.01
 NODES = 400
 
@@ -68,24 +68,25 @@ class ResidenceTime:
     Attributes
     ----------
     value
-        Value of the key; None without one.
+        Value of the key; None without a key.
     well : float
-        Displacement at its bottom, in the scene's units; of two alike the one on the right, which
-        stands for both.
+        Displacement of its bottom, in the scene's units; of two symmetric wells the right one,
+        which represents both.
     time, standard_error : float, float or None
-        Mean time from reaching the well to reaching another (s); no error bar on fewer than
-        `FEWEST_STAYS` stays. Infinite where it was never left.
+        Mean time from reaching the well to reaching another (s). With fewer than `FEWEST_STAYS`
+        stays there is no error bar. Infinite if the well was never left.
     stays
-        Number of stays that ended.
+        Number of completed stays.
     watched
-        Time in the well, of all realizations (s).
+        Total time in the well over all realizations (s).
     kramers
-        Kramers' time (s), where the formula holds.
+        Kramers' time (s), if the formula is valid.
     reason
-        Why it does not.
+        Reason why the formula is not valid.
     longer_by_knots : float
-        Share by which the band of white noise's knots lengthens the time: the density that it
-        lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
+        Relative increase of the time by the limited bandwidth of white noise with knots: the
+        density missing at the well's frequency, times the barrier in temperatures. The actual
+        increase is up to twice as large.
     outcome : "complete", or the reason for the end.
     """
 
@@ -103,14 +104,14 @@ class ResidenceTime:
 
 @dataclass(frozen=True, repr=False)
 class Residence(ResultBase):
-    """Mean times of residence in the wells of a device under noise.
+    """Mean residence times in the wells of a device under noise.
 
     Attributes
     ----------
     key
         The key that was varied.
     stays
-        Value by value, wells from the left to the right.
+        Residence times by value, then by well from left to right.
     """
 
     scene: Scene
@@ -123,7 +124,7 @@ class Residence(ResultBase):
 
     @property
     def sign(self) -> str:
-        """ "±" where a row counts the stays in both wells of a symmetric device."""
+        """ "±" if a row combines the stays in both wells of a symmetric device."""
         return "±" * (len({stay.value for stay in self.stays}) == len(self.stays))
 
     def view(self) -> View:
@@ -177,11 +178,11 @@ class Residence(ResultBase):
         ]
 
     def _findings(self) -> list[str]:
-        """Sentences on the meaning of the numbers and on how they were obtained."""
+        """Sentences on the definitions, and on how the numbers were obtained."""
         lines = [
             f"{self.method}: {self.engine_version}; {self.seconds:.2f} s",
-            "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
-            "out of it) to reaching another one",
+            "a stay lasts from reaching a well (energy at most a quarter of the barrier) "
+            "to reaching another one",
         ]
         reasons: dict[str, dict[str, None]] = {}
         for stay in self.stays:
@@ -190,12 +191,12 @@ class Residence(ResultBase):
         everywhere = len({stay.value for stay in self.stays})
         for reason, values in reasons.items():
             where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
-            lines.append(f"Kramers' formula is left out{where}: {reason}")
-        few = [stay for stay in self.stays if stay.standard_error is None]
-        if few:
+            lines.append(f"Kramers' formula is not valid{where}: {reason}")
+        without_error = [stay for stay in self.stays if stay.standard_error is None]
+        if without_error:
             lines.append(
-                f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
-                f"stays: raise run.duration = {self.scene.run.duration:g}"
+                f"{len(without_error)} of {len(self.stays)} have no error bar, with fewer than "
+                f"{FEWEST_STAYS} stays: raise run.duration = {self.scene.run.duration:g}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
@@ -209,20 +210,20 @@ class Residence(ResultBase):
         longer = max(stay.longer_by_knots for stay in self.stays)
         if longer > NOTED_BY_KNOTS:
             lines.append(
-                "white noise ends with the band of its knots: times are about "
-                f"{longer:.1%} to {2.0 * longer:.1%} longer than without that limit; halve "
-                f"excitation.knot_spacing = {spacing_of(self.scene):.3g} to lower this"
+                "the knots limit the bandwidth of white noise: times are about "
+                f"{longer:.1%} to {2.0 * longer:.1%} longer than without this limit; halve "
+                f"excitation.knot_spacing = {spacing_of(self.scene):.3g} to reduce this"
             )
         wrong = dict.fromkeys(stay.outcome for stay in self.stays if stay.outcome != "complete")
         return lines + list(wrong)
 
     def _misses(self, stay):
-        """Whether a mean time is not as precise as was asked for."""
+        """Whether a mean time is less precise than requested."""
         error = math.inf if stay.standard_error is None else stay.standard_error / stay.time
         return self.precision is not None and error > self.precision
 
     def _dataset(self) -> Dataset:
-        """An xarray Dataset over the stays."""
+        """The residence times as an xarray Dataset."""
         variables = {}
         for name in ("value", "well", "time", "standard_error", "stays", "kramers"):
             column = [getattr(stay, name) for stay in self.stays]
@@ -246,18 +247,18 @@ def stays(
     settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Times in the wells and jumps out of them, in a worker process.
-
-    Returns
-    -------
-    dict
-        `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
+    Compute times in the wells and jumps out of them, in a worker process.
+        Returns
+        -------
+        dict
+            `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
     chosen = engine_of(engine, step=step, **settings or {})
     realizations = run(prepared_scene, chosen, indices, None, report)
     jumps: Any = [realization.moments.jumps for realization in realizations]
-    # The last row holds the time before `run.settle`. A device at rest leaves its well later than
-    # one that has long been there: of 250 s after 50 s of settling, with stays of 208 s, the means
-    # were 11 % too long with that time, and 1 ± 1 % without it.
+    # The last row is the time before `run.settle`. A device at rest leaves its well later than in
+    # the stationary state: with stays of 208 s, 250 s of simulation after 50 s of settling gave
+    # means 11 % too long including that time, and 1 ± 1 % without it.
     return {
         "times": np.array([jumps_of.times[:-1] for jumps_of in jumps]),
         "exits": np.array([jumps_of.counts[:-1].sum(axis=2) for jumps_of in jumps]),
@@ -272,12 +273,12 @@ def staying(
     version: str,
     precision: float | None,
 ) -> Generator[Wanted, list, tuple[list[ResidenceTime], str]]:
-    """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
+    """Generator for `Runner.follow`: the residence times at one value, and the engine's version."""
     scene, done = prepared_scene.scene, 0
     count = scene.run.realizations
     times, exits, engine_version = [], [], ""
     outcome = "complete"
-    # Further realizations run under the unchanged scene, because `run.realizations` sets the
+    # Further realizations run with the unchanged scene, because `run.realizations` determines the
     # batches' length.
     for _ in range(MOST_DOUBLINGS + 1):
         indices = list(range(done, count))
@@ -317,11 +318,10 @@ def staying(
 
 
 def stays_of(
-    ready: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
+    prepared_scene: Prepared, value: float | None, times: np.ndarray, exits: np.ndarray
 ) -> list[ResidenceTime]:
-    """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
-    wells)."""
-    system = ready.system
+    """Mean residence times; `times` in wells and `exits` have (realizations, batches, wells)."""
+    system = prepared_scene.system
     wells = sorted(timescales.wells(system))
     if len(wells) == 2 and system.symmetric:
         times, exits, wells = (
@@ -331,54 +331,54 @@ def stays_of(
         )
     rows = []
     for number, well in enumerate(wells):
-        spent, left = times[:, :, number].ravel(), exits[:, :, number].ravel()
-        count, watched = float(left.sum()), float(spent.sum())
+        spent, departures = times[:, :, number].ravel(), exits[:, :, number].ravel()
+        count, watched = float(departures.sum()), float(spent.sum())
         time = watched / count if count else math.inf
         error = None
         if count >= FEWEST_STAYS:
-            off = spent - time * left
+            off = spent - time * departures
             blocks = int(np.count_nonzero(spent > 0.0))
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
             error *= 1.0 + RAISED / count
             if count < FEW_STAYS:
                 error = max(error, time / math.sqrt(count))
-        formula, reason = kramers_time(ready, well)
-        bottom = well * ready.scales.displacement
-        longer = _longer_by_knots(ready, well)
+        formula, reason = kramers_time(prepared_scene, well)
+        bottom = well * prepared_scene.scales.displacement
+        longer = _longer_by_knots(prepared_scene, well)
         rows.append(
             ResidenceTime(value, bottom, time, error, int(count), watched, formula, reason, longer)
         )
     return rows
 
 
-def _longer_by_knots(ready, well):
-    """See `ResidenceTime.longer_by_knots`; 0 for noise that is not white."""
-    system = ready.system
+def _longer_by_knots(prepared_scene, well):
+    """Compute `ResidenceTime.longer_by_knots`; 0 for noise that is not white."""
+    system = prepared_scene.system
     omega = timescales.well_frequency(system, well)
     loss = timescales.loss_rate(system, omega)
-    if ready.scene.excitation.kind != "white" or not loss > 0.0:
+    if prepared_scene.scene.excitation.kind != "white" or not loss > 0.0:
         return 0.0
     temperatures = timescales.barrier(system, well) * loss / system.noise.intensity
-    return kernel_loss(knot_spacing(ready), omega) * temperatures
+    return kernel_loss(knot_spacing(prepared_scene), omega) * temperatures
 
 
 def require_wells(prepared_scene: Prepared) -> None:
-    """Refuse a device or an excitation without residence times."""
+    """Raise HarvesterError if the device or the excitation has no residence times."""
     scene = prepared_scene.scene
     if len(timescales.wells(prepared_scene.system)) < 2:
         raise HarvesterError(
-            f"{scene.name}: the device has one well: residence times need several, as a "
-            "negative oscillator.linear_stiffness makes them"
+            f"{scene.name}: the device has one well: residence times need several, e.g. by a "
+            "negative oscillator.linear_stiffness"
         )
     if not scene.excitation.random:
         raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": residence times are those '
-            "under noise; harvester basins follows a device under a sine"
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": residence times need '
+            "noise; under a sine use harvester basins"
         )
 
 
 def _draw(residence):
-    """Times over the key on a logarithmic axis, with Kramers' where it holds."""
+    """Draw times over the key on a logarithmic axis, with Kramers' time if it is valid."""
     series = []
     wells = dict.fromkeys(stay.well for stay in residence.stays)
     for number, well in enumerate(wells):
@@ -401,17 +401,18 @@ def _draw(residence):
     return draw_panels([panel], title, size=(4.0, 3.0))
 
 
-def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
-    """Mean time until the other of two wells (s), or None and why the formula does not hold.
+def kramers_time(prepared_scene: Prepared, well: float) -> tuple[float | None, str]:
+    """Mean time until the other of two wells (s), or None and the reason why there is no formula.
 
     Kramers' rate for moderate to strong damping (Physica 7, 284, 1940) times the depopulation
-    factors of both wells, which hold for any damping (V. I. Mel'nikov and S. V. Meshkov, J. Chem.
-    Phys. 85, 1018, 1986; P. Hänggi, P. Talkner and M. Borkovec, Rev. Mod. Phys. 62, 251, 1990).
+    factors of both wells, which are valid for any damping (V. I. Mel'nikov and S. V. Meshkov, J.
+    Chem. Phys. 85, 1018, 1986; P. Hänggi, P. Talkner and M. Borkovec, Rev. Mod. Phys. 62, 251,
+    1990).
 
     `well`: displacement of the well, scaled.
     """
-    system = ready.system
-    why = _refusal(ready, well)
+    system = prepared_scene.system
+    why = _refusal(prepared_scene, well)
     if why:
         return None, why
     (saddle,) = timescales.saddles(system)
@@ -428,17 +429,17 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
     return 2.0 * math.pi / (omega * slowing * factor) * math.exp(barrier), ""
 
 
-def _refusal(ready, well):
-    """Why Kramers' formula does not hold; empty where it does."""
-    system, excitation = ready.system, ready.scene.excitation
+def _refusal(prepared_scene, well):
+    """Reason why Kramers' formula is not valid; empty if it is."""
+    system, excitation = prepared_scene.system, prepared_scene.scene.excitation
     if len(timescales.wells(system)) != 2:
-        return "it is for two wells"
+        return "it needs two wells"
     if excitation.kind not in ("white", "ornstein-uhlenbeck"):
-        return f'it is for white noise, and excitation.kind = "{excitation.kind}"'
-    drag = ready.scene.oscillator.quadratic_damping
+        return f'it needs white noise, but excitation.kind = "{excitation.kind}"'
+    drag = prepared_scene.scene.oscillator.quadratic_damping
     if not system.damper.damping > 0.0 or drag > 0.0:
-        return "it is for a linear damper"
-    if any(stopper.restitution < 1.0 for stopper in ready.scene.stoppers):
+        return "it needs a linear damper"
+    if any(stopper.restitution < 1.0 for stopper in prepared_scene.scene.stoppers):
         return "stoppers take energy"
     omega = math.sqrt(max(timescales.stiffness(system, well), 0.0))
     added = system.transducer.loss_rate(omega)
@@ -446,9 +447,9 @@ def _refusal(ready, well):
     if added > MOST_TRANSDUCER * system.damper.damping or stiffer > MOST_TRANSDUCER * omega**2:
         return "the transducer takes energy and stiffens the wells"
     barrier = timescales.barrier(system, well) * system.damper.damping / system.noise.intensity
-    # Rounded as printed: an intensity of few digits makes 2.9999994 of three.
+    # Rounded as printed, since a barrier of three may be computed as 2.9999994.
     if round(barrier, 2) < FEWEST_TEMPERATURES:
-        return f"the barrier is {barrier:.2f} temperatures and not {FEWEST_TEMPERATURES:g} or more"
+        return f"the barrier is {barrier:.2f} temperatures: must be {FEWEST_TEMPERATURES:g} or more"
     colour = (omega * system.noise.correlation_time) ** 2
     if colour * barrier > MOST_COLOUR:
         return "the noise is coloured"
@@ -456,7 +457,7 @@ def _refusal(ready, well):
 
 
 def _action(system, well, saddle):
-    """∮ X' dX of one round in a well at the saddle's energy."""
+    """∮ X' dX over one cycle in a well at the saddle's energy."""
     from scipy.optimize import brentq
 
     top = float(potential(system, saddle))
@@ -464,7 +465,8 @@ def _action(system, well, saddle):
     while float(potential(system, well + away)) < top:
         away *= 1.5
     end = brentq(lambda x: float(potential(system, x)) - top, well, well + away)
-    # The substitution x = middle − half · cos(angle) removes the root singularities at both ends.
+    # The substitution x = middle − half · cos(angle) removes the square-root singularities at both
+    # ends.
     angle = (np.arange(NODES) + 0.5) * math.pi / NODES
     middle, half = 0.5 * (saddle + end), 0.5 * abs(end - saddle)
     x = middle - half * np.cos(angle)
@@ -473,7 +475,7 @@ def _action(system, well, saddle):
 
 
 def _depopulation(loss):
-    """A(δ) of Mel'nikov and Meshkov, δ the energy lost in a round in temperatures."""
+    """A(δ) of Mel'nikov and Meshkov; δ is the energy loss per cycle in temperatures."""
     from scipy.integrate import quad
 
     total = quad(

@@ -1,1 +1,1 @@
-"""Which tolerance of a device matters, how its quantity scatters, and the yield."""
+"""Tolerance study: effect of each tolerance on a quantity, its scatter, and the yield."""

@@ -1,14 +1,14 @@
 """Distribution of a quantity among devices, share of them above a limit (yield), and effects.
 
-The value measured for a device contains the noise of its run. The noise widens the distribution and
-moves devices across the limit, more of them from the denser side. It is taken out twice:
+The measured value of a device contains the noise of its run. The noise widens the distribution and
+moves devices across the limit, mostly from the denser side. It is removed in two ways:
 
-- the devices' values are contracted about their mean until their variance is the one without the
-  noise (see `sobol`), so that spread and quantiles describe the devices;
-- the share above a limit changes in proportion to the variance of the noise while that is small.
-  The mean of two replicates has half the variance of one, so that twice the share among the means
-  less the share among single replicates is the share without noise (Richardson's extrapolation;
-  for errors of measurement Cook and Stefanski, J. Am. Stat. Assoc. 89, 1314 (1994)).
+- The devices' values are contracted about their mean until their variance equals the variance
+without noise (see `sobol`), so that spread and quantiles describe the devices.
+- The share above a limit changes in proportion to the variance of the noise if this is small. The
+mean of two replicates has half the noise variance. Therefore the share without noise is twice the
+share among means minus the share among single replicates (Richardson extrapolation; for measurement
+errors Cook and Stefanski, J. Am. Stat. Assoc. 89, 1314 (1994)).
 """
 
 import math
@@ -32,10 +32,10 @@ class Yield:
     Attributes
     ----------
     share : Interval
-        Share without the effect of noise; its interval includes the choice of devices and the
+        Share corrected for the noise; its interval includes the random choice of devices and the
         noise.
     counted
-        The share as it is counted, noise and all.
+        The share as counted, including the effect of the noise.
     """
 
     limit: float
@@ -51,7 +51,7 @@ class Population:
     Attributes
     ----------
     values : ndarray, shape (devices,)
-        Devices' values, their spread reduced by the noise's part.
+        Devices' values, with their spread reduced by the contribution of the noise.
     """
 
     values: np.ndarray
@@ -95,10 +95,10 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
 
 
 def _drawn_together(means, spread):
-    """Devices' values scaled about their mean so that their variance is that without noise.
+    """Scale devices' values about their mean to the variance without noise.
 
-    `means` has the shape (samples, rows, devices in a row). `spread`, shape (samples, rows), holds
-    squares of a row's devices off the mean, without noise.
+    `means` has the shape (samples, rows, devices in a row). `spread`, shape (samples, rows),
+    contains squared deviations of a row's devices from the mean, without noise.
     """
     centre = means.mean(axis=(1, 2), keepdims=True)
     total = means.var(axis=(1, 2))
@@ -109,8 +109,8 @@ def _drawn_together(means, spread):
 def share_above(values: np.ndarray, limit: float) -> Yield:
     """The share of devices above a limit.
 
-    The interval is Wilson's (J. Am. Stat. Assoc. 22, 209 (1927)) for as many devices as would
-    have the scatter that rows show, at most as many as there are.
+    The interval is Wilson's (J. Am. Stat. Assoc. 22, 209 (1927)) for the effective number of
+    devices, which follows from the scatter of rows and is at most the actual number.
 
     Parameters
     ----------
@@ -136,10 +136,10 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
 
 
 def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Interval, Interval]]:
-    """Change of the quantity's mean where one parameter is low and high, averaged over the others.
+    """Change of the quantity's mean if one parameter is low or high, averaged over the others.
 
-    By least squares: a mean and, for each parameter, a parabola in the share of the devices below
-    it. Rows are resampled for the intervals.
+    The model is a mean plus a parabola for each parameter in its share of devices below, fitted by
+    least squares. Rows are resampled for the intervals.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
     Returns
     -------
     list of (Interval, Interval)
-        Low and high, for each parameter.
+        Changes at low and high values of each parameter.
     """
     rows, _, count = shares.shape
     terms = np.concatenate([np.ones((*values.shape, 1)), *_parabola(shares)], axis=2)
@@ -169,7 +169,7 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
 
 
 def _parabola(share):
-    """Slope and bend, each with mean 0 over all devices."""
+    """Linear and quadratic basis functions, each with mean 0 over all devices."""
     return share - 0.5, (share - 0.5) ** 2 - 1.0 / 12.0
 
 

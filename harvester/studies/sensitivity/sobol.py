@@ -1,20 +1,20 @@
-"""Sobol indices of a quantity that is known with noise, each with its interval.
+"""Sobol indices of a noisy quantity, with intervals.
 
-Every row of the design holds two independent devices a, b and, for each parameter i, the device
+Every row of the design contains two independent devices a, b and, for each parameter i, the device
 c_i: a with b's value of i. First-order index (Saltelli et al., Comput. Phys. Commun. 181, 259
 (2010)) and total index (Jansen, Comput. Phys. Commun. 117, 35 (1999)) are
 
     S_i = ⟨y(b) [y(c_i) − y(a)]⟩ / Var,    T_i = ½⟨[y(a) − y(c_i)]²⟩ / Var.
 
-A simulation gives Y = y + e with an error e of mean 0. Used unchanged, Y² and [Y(a) − Y(c_i)]²
-bring ⟨e²⟩ along: total indices and the variance come out too large, first-order ones too small.
-So every device is simulated twice, on noise that is independent between the two replicates, and
-each product takes one factor from either: ⟨Y' Y''⟩ = y² + y⟨e'⟩ + y⟨e''⟩ + ⟨e' e''⟩ = y², and
-likewise for the other two. That is exact at any length of run and for errors that differ from
-device to device, and nothing is assumed of the common part of the devices of one row: they share
-their noise, which cancels from the differences as far as their paths stay together. Rows are
-independent of each other, so that resampling them (bootstrap) gives intervals that hold the noise
-too; the even cover of Sobol's sequence is not counted on, so they are wide rather than narrow.
+A simulation gives Y = y + e with an error e of mean 0. If it is used unchanged, Y² and [Y(a) −
+Y(c_i)]² contain ⟨e²⟩: total indices and the variance are too large, first-order indices too small.
+Therefore every device is simulated twice, with independent noise in the two replicates, and each
+product takes one factor from each: ⟨Y' Y''⟩ = y² + y⟨e'⟩ + y⟨e''⟩ + ⟨e' e''⟩ = y², and likewise for
+the other two. This is exact for any length of run and for errors that differ between devices. The
+devices of a row have common noise, which cancels in the differences as long as their paths agree;
+the estimates do not depend on this. Rows are independent of each other, so that the bootstrap over
+rows gives intervals that include the noise. The intervals ignore the uniform coverage by Sobol's
+sequence, and are therefore wide rather than narrow.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 
 RESAMPLES = 2000
-# An interval holds this share of all resamples.
+# Probability content of an interval.
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with the ends of its 95 % interval."""
+    """An estimate with its 95 % interval."""
 
     estimate: float
     interval: tuple[float, float]
@@ -54,8 +54,7 @@ class Indices:
     Attributes
     ----------
     first, total : list of Interval, or None
-        One for each parameter; None where the parameters' variance is not significantly above that
-        of the noise.
+        One per parameter; None if the parameters' variance does not significantly exceed the noise.
     variance
         Variance of the quantity among devices, without the noise.
     noise_variance
@@ -137,7 +136,7 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def interval(estimate: float, resampled: np.ndarray) -> Interval:
-    """An estimate with the interval that its resamples span."""
+    """An estimate with the interval spanned by its resamples."""
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(resampled, [tail, 1.0 - tail])
     return Interval(estimate, (float(low), float(high)))

@@ -1,4 +1,4 @@
-"""Which tolerance of a device matters, how its quantity scatters, and the yield."""
+"""The result of a tolerance study and its computation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from harvester.studies.answers import (
     is_complete,
     is_noisy,
     missing_from,
-    told,
+    reason_of,
     value_of,
 )
 from harvester.studies.sensitivity.population import (
@@ -52,13 +52,13 @@ from harvester.studies.sensitivity.tolerances import devices, parameters
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Fewest rows of a design, without which no interval is meaningful, and the most.
+# Minimum number of rows of a design for meaningful intervals, and maximum number.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
-# Number of runs per device, each on different noise.
+# Number of runs per device, each with different noise.
 REPLICATES = 2
 # The study fails if more than this share of its rows fails.
 LARGEST_FAILURE = 0.1
-# A note states the share of the noise in the measured variance if it exceeds this.
+# A note states the noise's share of the measured variance if it exceeds this.
 NOTED_NOISE = 0.2
 COLOURS = CIRCUIT, MONTE_CARLO
 BINS = 30
@@ -66,24 +66,24 @@ BINS = 30
 
 @dataclass(frozen=True, repr=False)
 class Sensitivity(ResultBase):
-    """Dependence of a quantity on values that scatter between devices; in the scene's units.
+    """Dependence of a quantity on parameters that scatter between devices; in the scene's units.
 
     Attributes
     ----------
     nominal
-        The quantity of the scene itself.
+        The quantity for the unchanged scene.
     effects : list of (Interval, Interval)
-        For each parameter: change of the quantity's mean where the parameter is low and high (5 %
-        and 95 % quantiles of the devices), averaged over the others.
+        For each parameter: change of the quantity's mean at the parameter's 5 % and 95 % quantiles,
+        averaged over the others.
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
     failures
-        Why rows were left out.
+        Reasons why rows were excluded.
     seconds
-        Wall-clock, of this call.
+        Wall-clock time of this call (s).
     notes
-        Which orbit was followed, without noise.
+        Note on the followed orbit, without noise.
     """
 
     scene: Scene
@@ -106,7 +106,7 @@ class Sensitivity(ResultBase):
 
     @property
     def devices(self) -> int:
-        """Independent devices among those simulated."""
+        """Number of independent devices among those simulated."""
         return self.population.values.size
 
     def view(self) -> View:
@@ -123,7 +123,7 @@ class Sensitivity(ResultBase):
         )
 
     def _table(self) -> tuple:
-        """Header and rows of the table, as text, the parameter that matters most first."""
+        """Header and rows of the table as text, the most influential parameter first."""
         low, high = (f"effect at {end:.0%}" for end in ENDS)
         header = ["parameter", "values", "first-order index", "total index", low, high]
         rows = []
@@ -139,7 +139,7 @@ class Sensitivity(ResultBase):
         return header, rows
 
     def _records(self):
-        """Header and a row for each parameter: its indices and effects with their intervals."""
+        """Header and one row per parameter: its indices and effects with their intervals."""
         low, high = (f"effect at {end:.0%} [{self.unit}]" for end in ENDS)
         columns = ["first-order index", "total index", low, high]
         header = ["parameter", "values"]
@@ -165,7 +165,7 @@ class Sensitivity(ResultBase):
         """Sentences on the distribution, the yield and the runs."""
         name, p = self.quantity.replace("_", " "), self.population
         lines = [
-            f"{name} of the scene itself: {with_error(self.nominal, self.unit)}; of "
+            f"{name} of the unchanged scene: {with_error(self.nominal, self.unit)}; of "
             f"{self.devices} devices: mean {self._spread(p.mean)}, standard deviation "
             f"{self._spread(p.deviation)}",
             "of the devices "
@@ -178,8 +178,8 @@ class Sensitivity(ResultBase):
             share, limit = self.yield_above.share, quantity(self.yield_above.limit, self.unit)
             lines.append(
                 f"yield: {share.estimate:.1%} ({share.low:.1%} … {share.high:.1%}) of the devices "
-                f"are above {limit}; {self.yield_above.counted:.1%} as counted, "
-                "noise and all"
+                f"are above {limit}; {self.yield_above.counted:.1%} as counted with "
+                "the noise"
             )
         lines += [*missing_from(self.quantity, self.nominal), *self._on_noise()]
         replicates, rows, devices = self.values.shape
@@ -190,23 +190,26 @@ class Sensitivity(ResultBase):
         )
         return [*lines, *self.notes, *self.failures]
 
-    def _spread(self, each):
-        """Text: a quantity's interval."""
-        words = (quantity(number, self.unit) for number in (each.estimate, each.low, each.high))
+    def _spread(self, interval):
+        """A quantity's interval as text."""
+        words = (
+            quantity(number, self.unit)
+            for number in (interval.estimate, interval.low, interval.high)
+        )
         return "{} ({} … {})".format(*words)
 
     def _on_noise(self):
         if self.indices.first is None:
             return [
-                "the parameters' part of the scatter is not above the runs' noise: no indices; "
-                "ask for a finer precision, or raise run.duration, run.realizations or rows"
+                "the scatter due to the parameters is below the runs' noise: no indices; "
+                "request a finer precision, or raise run.duration, run.realizations or rows"
             ]
         noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
         share = noise / (noise + of_parameters)
         if len(self.values) == 1:
             return []
         advice = "; longer runs make the intervals narrower" if share > NOTED_NOISE else ""
-        return [f"noise of the runs: {share:.1%} of the variance measured, taken out{advice}"]
+        return [f"noise of the runs: {share:.1%} of the measured variance, removed{advice}"]
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -250,7 +253,7 @@ class Sensitivity(ResultBase):
         )
 
     def _devices(self):
-        """CSV: one line for each device that was simulated, its parameters and its values."""
+        """CSV: one line for each simulated device, its parameters and its values."""
         varied = parameters(self.tolerances, self.shares[0][0])
         replicates = (f"replicate_{k + 1}" for k in range(len(self.values)))
         header = ["row", "device", *(key_column(key, self.scene.units) for key in varied)]
@@ -279,14 +282,14 @@ def study_of(
     precision: float | None,
     runner: Runner,
 ) -> Sensitivity:
-    """Everything of a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
+    """Compute a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
     nominal = first_answer(runner, Request(scene, method))
     shares = design(shape[0], len(tolerances), scene.run.seed)
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
     asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
     answers = runner.answer([Request(device, method, **asked) for row in scenes for device in row])
-    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
+    failures = [reason_of(run) for run in answers if run is not None and not is_complete(run)]
     values = np.array([value_of(run, quantity) for run in answers]).reshape(*shape, replicates)
     complete = np.isfinite(values).all(axis=(1, 2))
     _check_rows(complete, failures, runner.out_of_time)
@@ -307,51 +310,51 @@ def study_of(
         values=values,
         rows_asked=shape[0],
         notes=nominal.on_orbits,
-        failures=_told(complete, failures, runner.out_of_time),
+        failures=_notes(complete, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )
 
 
-def _check_rows(kept, failures, out_of_time):
-    if kept.sum() >= FEWEST_ROWS and (out_of_time or kept.mean() >= 1.0 - LARGEST_FAILURE):
+def _check_rows(complete, failures, out_of_time):
+    if complete.sum() >= FEWEST_ROWS and (out_of_time or complete.mean() >= 1.0 - LARGEST_FAILURE):
         return
     if failures:
         raise HarvesterError(
-            f"{len(failures)} devices failed, and {kept.sum()} of {kept.size} rows are whole: "
-            f"{failures[0]}"
+            f"{len(failures)} devices failed, and {complete.sum()} of {complete.size} rows are "
+            f"complete: {failures[0]}"
         )
     raise OutOfTime(
-        f"the time budget was spent after {kept.sum()} of {kept.size} rows, and indices need "
-        f"{FEWEST_ROWS}; run again with the same output to go on"
+        f"the time budget was spent after {complete.sum()} of {complete.size} rows, but indices "
+        f"need {FEWEST_ROWS}; repeat the call with the same output to continue"
     )
 
 
-def _told(kept, failures, out_of_time):
+def _notes(complete, failures, out_of_time):
     lines = []
     if failures:
         lines.append(
-            f"{len(failures)} runs failed; their rows are left out, and the yield does not include "
-            f"them: {failures[0]}"
+            f"{len(failures)} runs failed; their rows are excluded, also from the "
+            f"yield: {failures[0]}"
         )
     if out_of_time:
         lines.append(
-            f"out of time: {kept.sum()} of {kept.size} rows; with a folder (output) the same "
-            "command goes on"
+            f"out of time: {complete.sum()} of {complete.size} rows; with an output folder, repeat "
+            "the command to continue"
         )
     return tuple(lines)
 
 
-def _signed(each, mean):
-    """An effect as a share of the mean, followed by half of its interval's width."""
+def _signed(effect, mean):
+    """An effect as a share of the mean, followed by half the width of its interval."""
     if mean == 0.0:
         return NOT_KNOWN
-    share, ends = each.estimate / mean, sorted((each.low / mean, each.high / mean))
+    share, ends = effect.estimate / mean, sorted((effect.low / mean, effect.high / mean))
     text = share_with_error(Estimate(share, 0.5 * (ends[1] - ends[0]), None, "1"))
     return Printed(text, share, None, "1", (ends[0], ends[1]))
 
 
 def draw_tornado(study: Sensitivity) -> Figure:
-    """A figure of each parameter's effect on the quantity, with its Sobol indices."""
+    """Draw each parameter's effect on the quantity, with its Sobol indices."""
     from matplotlib.figure import Figure
 
     order = study.order()[::-1]
@@ -380,7 +383,7 @@ def _draw_effects(axes, study, order):
         at_end = [study.effects[k][end] for k in order]
         widths = 100.0 * np.array([effect.estimate for effect in at_end]) / mean
         ends = 100.0 * np.array([[effect.low, effect.high] for effect in at_end]).T / mean
-        # The two bars are one above the other, since both may point the same way.
+        # The two bars are one above the other, since both may have the same sign.
         heights = np.arange(len(order)) + (0.14, -0.14)[end]
         axes.barh(heights, widths, height=0.26, color=colour, label=label)
         axes.errorbar(widths, heights, xerr=_bars(widths, ends), fmt="none", color="0.2", capsize=2)
@@ -421,7 +424,7 @@ def _bars(values, ends):
 
 
 def draw_distribution(study: Sensitivity) -> Figure:
-    """The quantity among devices, its quantiles, the scene's own value and the limit."""
+    """Draw the quantity among devices, its quantiles, the unchanged scene's value and the limit."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.0, 3.2))
@@ -430,8 +433,8 @@ def draw_distribution(study: Sensitivity) -> Figure:
     hidden = study.indices.first is None
     factor, unit = prefixed(float(np.abs(values).max()), study.unit.split()[0])
     if hidden:
-        # If the variance without noise is not above 0, the histogram shows the measured values,
-        # noise included.
+        # If the variance without noise is not above 0, the histogram shows the measured values with
+        # noise.
         values = study.values.mean(axis=0)[:, :2].ravel()
     values = factor * values
     axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
@@ -460,6 +463,6 @@ def draw_distribution(study: Sensitivity) -> Figure:
     set_title(
         figure,
         f"{study.scene.name}: {study.devices} devices by {study.method}, "
-        + ("as measured, noise and all" if hidden else "the noise's part of the spread taken out"),
+        + ("as measured, with noise" if hidden else "spread without noise"),
     )
     return figure

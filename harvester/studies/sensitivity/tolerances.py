@@ -1,9 +1,9 @@
-"""Scatter of parameters from device to device, and the devices of a tolerance study.
+"""Scatter of parameters between devices, and the devices of a tolerance study.
 
-A parameter scatters alone, as `±10%`, `uniform:a:b` or `normal:5%`, or together with others by
-their covariance. Sobol indices are of independent parameters. The principal axes of a joint normal
-distribution are independent, whatever the covariance: each is one parameter of the study, named
-after the parameter that moves it most.
+A parameter scatters independently, as `±10%`, `uniform:a:b` or `normal:5%`, or jointly with others
+according to their covariance. Sobol indices need independent parameters. The principal axes of a
+joint normal distribution are independent for any covariance. Each axis is a parameter of the study,
+named after the scene's number that it changes most.
 """
 
 import json
@@ -29,7 +29,7 @@ FORMS = "±10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD"
 PLUS_MINUS = re.compile(r"(?:±|\+/?-)(.+)")
 # Largest JSON of an identification, in bytes.
 LARGEST_FILE = 10_000_000
-# A normal distribution is followed up to this distance of the quantile from 0 and 1.
+# A normal distribution is evaluated up to this distance of the quantile from 0 and 1.
 SMALLEST_SHARE = 1e-12
 
 
@@ -44,7 +44,7 @@ class Tolerance:
     first, second
         Ends of a uniform distribution; mean and standard deviation of a normal one.
     low, high
-        Limits that the key allows; a normal distribution is cut off there.
+        Limits of the key; a normal distribution is truncated there.
     """
 
     key: str
@@ -55,7 +55,7 @@ class Tolerance:
     high: float = math.inf
 
     def values(self, shares: np.ndarray) -> np.ndarray:
-        """The values below which these shares of the devices lie, same shape."""
+        """Quantiles of the distribution for shares in (0, 1), same shape."""
         if self.kind == "uniform":
             return self.first + (self.second - self.first) * shares
         below, above = (ndtr((end - self.first) / self.second) for end in (self.low, self.high))
@@ -76,12 +76,13 @@ class Tolerance:
 def tolerance(scene: Scene, key: str, distribution: str) -> Tolerance:
     """One parameter's distribution from its text.
 
-    Raises HarvesterError: no such key, no such distribution, or values that the scene cannot take.
+    Raises HarvesterError for an unknown key, an unknown distribution, or values that are invalid in
+    the scene.
     """
     value, spec = number(scene, key, "--vary")
     where = f"--vary {key}={named(distribution)}"
     if not isinstance(distribution, str):
-        raise HarvesterError(f"{where}: is no text; write {FORMS}")
+        raise HarvesterError(f"{where}: is not a text; write {FORMS}")
     kind, first, second = _distribution(distribution, value, where)
     tolerance_of_key = Tolerance(key, kind, first, second, spec.low, spec.high)
     typical = (first, second) if kind == "uniform" else (first,)
@@ -112,12 +113,12 @@ def _distribution(text, value, where):
 
 
 def _positive(text, value, where):
-    """An absolute number, or a share of the value with `%`."""
+    """Parse an absolute number, or a share of the value with `%`."""
     share = text.endswith("%")
     amount = _number(text.removesuffix("%"), where)
     amount *= abs(value) / 100.0 if share else 1.0
     if share and value == 0.0:
-        raise HarvesterError(f"{where}: a share of 0 is 0; write uniform:LOW:HIGH")
+        raise HarvesterError(f"{where}: a share of the value 0 is 0; write uniform:LOW:HIGH")
     if not amount > 0.0:
         raise HarvesterError(f"{where}: the number must be above 0")
     return amount
@@ -129,7 +130,7 @@ def _number(text, where):
     except ValueError:
         amount = math.nan
     if not math.isfinite(amount):
-        raise HarvesterError(f"{where}: {named(text)} is no number; write {FORMS}")
+        raise HarvesterError(f"{where}: {named(text)} is not a number; write {FORMS}")
     return amount
 
 
@@ -140,9 +141,9 @@ class Direction:
     Attributes
     ----------
     key
-        The parameter that it moves most, with its index among the axes.
+        The scene's number that the axis changes most, with the axis' number.
     centre, steps : dict of str to float
-        For every parameter: its mean, and its change in one standard deviation of the axis.
+        For each number: its mean, and its change by one standard deviation along the axis.
     """
 
     key: str
@@ -153,7 +154,7 @@ class Direction:
     second: float = 1.0
 
     def values(self, shares: np.ndarray) -> np.ndarray:
-        """Standard deviations below which these shares of the devices lie, same shape."""
+        """Standard normal quantiles for shares in (0, 1), same shape."""
         return ndtri(np.clip(shares, SMALLEST_SHARE, 1.0 - SMALLEST_SHARE))
 
     def __str__(self) -> str:
@@ -177,7 +178,7 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
     Raises
     ------
     HarvesterError
-        It is no such thing, or names keys that the scene does not have.
+        `identified` is not such a result, or contains keys that the scene does not have.
     """
     where, content = "covariance", identified
     if not isinstance(content, Mapping):
@@ -190,9 +191,9 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
         keys = [str(key) for key in content["keys"]]
         covariance = np.array(content["covariance"], dtype=float)
     except (KeyError, TypeError, ValueError):
-        raise HarvesterError(f"{where}: no identification with keys and covariance") from None
+        raise HarvesterError(f"{where}: not an identification with keys and covariance") from None
     if covariance.shape != (len(keys), len(keys)) or not np.isfinite(covariance).all():
-        raise HarvesterError(f"{where}: the covariance is no square matrix of its keys' size")
+        raise HarvesterError(f"{where}: the covariance must be a square matrix of the keys' size")
     indices = [index for index, key in enumerate(keys) if not key.startswith("sensor.")]
     keys, covariance = [keys[index] for index in indices], covariance[np.ix_(indices, indices)]
     centre = {key: number(scene, key, where)[0] for key in keys}
@@ -208,7 +209,7 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
 
 
 def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
-    """Values of a device's parameters by their keys."""
+    """Values of a device's parameters by key."""
     values: dict[str, float] = {}
     for parameter, share in zip(tolerances, shares, strict=True):
         value = float(parameter.values(share))
@@ -223,24 +224,25 @@ def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) 
 def devices(
     scene: Scene, tolerances: Sequence[Tolerance | Direction], shares: np.ndarray, replicates: int
 ) -> list[list[Scene]]:
-    """Scenes of each row: of every device all replicates, one after another.
+    """Scenes of each row: for every device all replicates in succession.
 
     Parameters
     ----------
     shares : ndarray, shape (rows, devices, parameters)
         See `harvester.studies.sensitivity.sobol.design`.
     replicates
-        Each has its part of the realizations, on noise that is a row's own.
+        Number of replicates; each has its part of the realizations, with noise that is common to a
+        row.
 
     Raises
     ------
     HarvesterError
-        A device that cannot be.
+        A device is not valid.
     """
     realizations = max(scene.run.realizations // replicates, 1)
     rows = []
-    for place, row in enumerate(shares):
-        seeds = [_seed(scene.run.seed, place, k) for k in range(replicates)]
+    for row_number, row in enumerate(shares):
+        seeds = [_seed(scene.run.seed, row_number, k) for k in range(replicates)]
         try:
             scenes = [scene.replace(parameters(tolerances, quantiles)) for quantiles in row]
         except SceneError as error:
@@ -262,6 +264,6 @@ def devices(
 
 
 def _seed(seed, row, replicate):
-    """The seed of the noise that all devices of a row share in one replicate."""
+    """The seed of the noise common to all devices of a row in one replicate."""
     words = np.random.SeedSequence(seed, spawn_key=(row, replicate)).generate_state(2, np.uint64)
     return int(words[0])

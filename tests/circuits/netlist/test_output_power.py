@@ -14,7 +14,7 @@ from harvester.scene.prepared import prepared
 SHORT = ["run.duration=0.5", "run.settle=0.1", "run.realizations=1", "load.subcircuit=load"]
 # The piezo's terminals are the output: all that leaves the piezo is used there.
 DIRECT = "{before}\n.subckt load p n out ref\nVp p out 0\nVn ref n 0\n{body}\n.ends\n"
-NOT_PASSIVE = "the load is not passive: it gives"
+NOT_PASSIVE = "the load is not passive: it delivers"
 
 
 def run(tmp_path, pool, text):

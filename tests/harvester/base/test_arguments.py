@@ -59,7 +59,7 @@ def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):
             "frequencies: 'x': must",
         ),
         (lambda: harvester.sensitivity("linear", "load"), "vary = 'load': must be a dictionary"),
-        (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is no text; write"),
+        (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is not a text; write"),
         (lambda: harvester.optimum("paper", [KEY]), "over = .* must be a dictionary"),
         (lambda: harvester.optimum("paper", {KEY: (1, 2, 3)}), "has 3 numbers"),
         (lambda: harvester.spectrum("linear", duration=-1.0), r"duration -1\.0: must be a number"),
@@ -142,6 +142,6 @@ def test_values_of_another_form_are_refused_by_name(options, words):
 @pytest.mark.parametrize("content", [None, 5, []])
 def test_what_is_no_scene_is_refused(content):
     with pytest.raises(
-        harvester.SceneError, match=r"no scene: pass the return value of Scene\.to_dict"
+        harvester.SceneError, match=r"not a scene: pass the return value of Scene\.to_dict"
     ):
         harvester.Scene.from_dict(content)

@@ -87,7 +87,7 @@ def test_the_command_reads_real_results(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("text", "word"), [("[1]", "no scene"), ("{", "no JSON"), ("{}", "no scene"), (None, "read")]
+    ("text", "word"), [("[1]", "no scene"), ("{", "not a JSON"), ("{}", "no scene"), (None, "read")]
 )
 def test_what_is_no_result_is_refused(tmp_path, capsys, text, word):
     target = tmp_path / "a.json"

@@ -132,7 +132,7 @@ def test_a_sweep_tells_two_methods_of_one_name_apart(pool, scene):
     values = [cell.estimates["mean_power"].estimate for cell in found.cells.ravel()]
     assert values[0] != values[1]
     assert values[1] == pytest.approx(values[0], rel=1e-2)
-    with pytest.raises(HarvesterError, match="give each once"):
+    with pytest.raises(HarvesterError, match="and each once"):
         harvester.sweep(scene, {}, methods=[MonteCarlo(), "monte-carlo"], executor=pool)
 
 

@@ -69,4 +69,4 @@ def test_a_record_kept_aside_needs_one_that_is_fitted_to(tmp_path, capsys):
     header = "time [s],acceleration [m/s^2],voltage [V]"
     np.savetxt(file, columns, delimiter=",", header=header, comments="")
     assert main(["identify", "paper_si", "--keep-aside", str(file)]) == 2
-    assert "--record: none is given" in capsys.readouterr().err
+    assert "--record: no record to fit is given" in capsys.readouterr().err

@@ -54,7 +54,7 @@ def test_a_gain_is_not_separable_at_one_load_and_names_what_it_mixes():
     assert mass[stiffness] == pytest.approx(1.0 + kappa / (whole + kappa), **near)
     assert load["piezo.capacitance"] == pytest.approx(-whole / (whole + kappa), **near)
     assert set(table[GAINS[0]].dependent) == set(found.keys)
-    assert "do not show its error" in str(table[GAINS[0]])
+    assert "do not reveal its error" in str(table[GAINS[0]])
 
 
 @pytest.mark.exhaustive

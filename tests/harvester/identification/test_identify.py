@@ -212,7 +212,7 @@ def test_what_a_record_does_not_tell_is_named_with_what_it_does():
     assert found.undetermined >= set(keys[:3])
     printed = {row[0]: row[1] for row in found.table().rows}
     assert {printed[key] for key in found.undetermined} == {"undetermined"}
-    assert any("·" in line and "not determined apart" in line for line in found.sentences())
+    assert any("·" in line and "not determined separately" in line for line in found.sentences())
 
 
 @pytest.mark.slow
@@ -261,7 +261,7 @@ def test_records_that_tell_nothing_are_refused():
     with pytest.raises(IdentificationError, match=r"too short: .* periods"):
         identify(truth, Measurement(made.acceleration[:300], RATE, made.voltage[:300]))
     slow = np.sin(2.0 * np.pi * 0.7 * np.arange(1500) / RATE)
-    with pytest.raises(IdentificationError, match="no excitation in the band"):
+    with pytest.raises(IdentificationError, match="no excitation in the relevant band"):
         identify(truth, Measurement(slow, RATE, made.voltage))
     with pytest.raises(SceneError, match=r"voltage: .* are clipped"):
         Measurement(made.acceleration, RATE, np.clip(made.voltage, -1.0, 1.0))

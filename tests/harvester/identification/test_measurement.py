@@ -80,7 +80,7 @@ def gap():
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
          {"velocity": "2:m/s:absolut"}, "after the unit comes absolute"),
         ("a,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "sampling_rate=HZ"),
-        ("time,acceleration [g],u", (TIMES, ACCELERATION, VOLTAGE), {}, "nothing but the accel"),
+        ("time,acceleration [g],u", (TIMES, ACCELERATION, VOLTAGE), {}, "acceleration alone is"),
         ("time,a,voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "no column of the base"),
         ("time,acceleration [g],voltage [V]", (TIMES[:40], ACCELERATION[:40], VOLTAGE[:40]), {},
          "too short"),

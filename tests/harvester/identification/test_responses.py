@@ -166,7 +166,7 @@ def test_responses_that_tell_nothing_are_refused():
     ):
         with pytest.raises(IdentificationError, match=words):
             identify(scene, made)
-    with pytest.raises(SceneError, match="must rise or fall from line to line"):
+    with pytest.raises(SceneError, match="must be monotonic"):
         MeasuredResponse(np.abs(FREQUENCY - FREQUENCY.mean()) + 1.0, seen)
     for lines in ([], [[1.0, 2.0]]):
         with pytest.raises(

@@ -108,7 +108,7 @@ CASES = {
     "stoppers": (CUBIC[:2], {}, CUBIC[:2], None),
     "offset of the voltage": (CUBIC, {}, CUBIC, raised),
     "swapped polarity of the voltage": (CUBIC, {}, CUBIC, scaled("voltage", -1.0)),
-    "velocity in the room": (CUBIC, {}, CUBIC, of_the_room),
+    "velocity in the inertial frame": (CUBIC, {}, CUBIC, of_the_room),
 }
 
 
@@ -118,7 +118,7 @@ def case(name):
     truth = scene(force, **more)
     if name == "stoppers":
         truth = truth.replace(stoppers=STOPPERS)
-    outputs = ("voltage", "velocity") if name == "velocity in the room" else ("voltage",)
+    outputs = ("voltage", "velocity") if name == "velocity in the inertial frame" else ("voltage",)
     return scene(begun, damping=0.035), records(truth, alter, outputs)
 
 

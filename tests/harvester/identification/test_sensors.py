@@ -174,7 +174,7 @@ def test_a_laser_in_volts_beside_the_shaker_tells_its_own_scale():
     found = identify(DEVICE, laser, compare=False)
     assert found.verdict.word == "predicts"
     assert found.values["sensor.velocity_scale"] == pytest.approx(8.0, rel=0.03)
-    with pytest.raises(IdentificationError, match=r"velocity is in volts: name its scale"):
+    with pytest.raises(IdentificationError, match=r"velocity is in volts: free its scale"):
         identify(DEVICE, laser, free=["oscillator.damping"])
 
 

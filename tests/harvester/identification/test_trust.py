@@ -152,6 +152,6 @@ def test_a_record_kept_aside_is_claimed_and_lies_within_its_interval():
     assert inside.claimed
     assert inside.holds
     assert not beyond.claimed
-    assert beyond.outside == "the run leaves the visited displacements"
+    assert beyond.outside == "the run exceeds the covered displacements"
     assert found.verdict.word == "predicts"
-    assert found.verdict.sentence.endswith("1 of 2 records kept aside are claimed, and hold")
+    assert found.verdict.sentence.endswith("1 of 2 validation records are claimed and agree")

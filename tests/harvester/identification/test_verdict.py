@@ -58,7 +58,7 @@ def test_white_noise_is_nothing_to_judge_by(predicted):
     given = verdict(FitEvidence([in_time(NOISE, predicted)]))
     assert given.word == "nothing"
     assert not given.good
-    assert given.sentence.startswith("nothing to judge: the model explains no more than chance")
+    assert given.sentence.startswith("no evidence: the model explains no more than chance")
 
 
 def test_a_response_of_noise_is_nothing_to_judge_by():
@@ -99,7 +99,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
     assert given.sentence.endswith("drag leaves 1.00% and is proposed")
     # A rival with as many values that is hardly better is not proposed in place of the scene's own.
     assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
-    untried = Rival("drag", None, remark="not tried: its values did not move")
+    untried = Rival("drag", None, remark="not tried: its values did not change")
     assert verdict(FitEvidence([BAD], [own, untried])).word == "incomplete"
 
 
@@ -107,7 +107,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
     ("significance", "move", "half", "word", "words"),
     [
         (0.3, 0.1, 0.38, "fits", "do not distinguish its spring"),
-        (4.2, 0.16, 0.05, "incomplete", "the records ask for a spring of power 5"),
+        (4.2, 0.16, 0.05, "incomplete", "the records need a spring of power 5"),
         # A term that moves nothing that would be noticed is none.
         (4.2, 0.01, 0.05, "predicts", "the model predicts"),
         (0.3, 0.01, 0.05, "predicts", "the model predicts"),
@@ -151,7 +151,9 @@ def test_records_kept_aside_refute_what_they_were_claimed_for():
     right = 0.5**0.5
     assert verdict(FitEvidence([GOOD], whole=[whole(right)])).word == "predicts"
     assert verdict(FitEvidence([GOOD], whole=[whole(0.9)])).word == "incomplete"
-    assert verdict(FitEvidence([GOOD], whole=[whole(0.9, "its load was not visited")])).good
+    assert verdict(
+        FitEvidence([GOOD], whole=[whole(0.9, "its load is outside the covered range")])
+    ).good
     assert not verdict(FitEvidence([GOOD], whole=[whole(right, limit=-1.0)])).good
 
 

@@ -104,7 +104,7 @@ def test_complex_numbers_are_a_response(tmp_path, file, write):
     ("settings", "said"),
     [
         ({"response": "H:V/g"}, "no column of frequencies is named"),
-        ({"acceleration": "H:V/g", "frequency": "f:Hz"}, "H holds complex numbers"),
+        ({"acceleration": "H:V/g", "frequency": "f:Hz"}, "H contains complex numbers"),
         ({"frequency": "f:Hz", "response": "f:V/g"}, "no complex numbers: name it by amplitude="),
     ],
 )

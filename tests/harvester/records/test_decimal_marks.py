@@ -67,7 +67,7 @@ def test_two_readings_are_refused_with_both(tmp_path, time, form):
     if form and "," not in rows[0].split(";")[0]:
         rows = [row.replace(",", ".") for row in rows]
     (tmp_path / "a.csv").write_text("\n".join([HEADER, *rows]))
-    with pytest.raises(SceneError, match=r"has two readings in it, \d+ and [\d.]+: save it"):
+    with pytest.raises(SceneError, match=r"is ambiguous: \d+ or [\d.]+: save it"):
         assert RecordedMotion(str(tmp_path / "a.csv")).samples.size
 
 

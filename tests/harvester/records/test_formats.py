@@ -58,7 +58,7 @@ def test_points_are_read_from_any_format(tmp_path):
     np.testing.assert_array_equal(found, points)
     assert units == ["", ""]
     (tmp_path / "a.csv").write_text("x;F\n" + "".join(f"{k};1,{700 + k}\n" for k in range(9)))
-    with pytest.raises(SceneError, match=r"a\.csv: .* has two readings in it"):
+    with pytest.raises(SceneError, match=r"a\.csv: .* is ambiguous"):
         read_points(tmp_path / "a.csv", "table of force", ("displacement", "force"))
 
 

@@ -216,9 +216,9 @@ def test_numbers_outside_the_valid_range_of_a_data_set_are_gaps(tmp_path, key):
 
 @pytest.mark.parametrize(
     ("packing", "fault"),
-    [({"scale_factor": [1e-3, 2e-3]}, "scale_factor holds 2 numbers and not 1"),
-     ({"valid_range": 5.0}, "valid_range holds 1 numbers and not 2"),
-     ({"_Unsigned": "true"}, "_Unsigned gives the numbers another type")],
+    [({"scale_factor": [1e-3, 2e-3]}, "scale_factor has 2 numbers instead of 1"),
+     ({"valid_range": 5.0}, "valid_range has 1 numbers instead of 2"),
+     ({"_Unsigned": "true"}, "_Unsigned changes the numbers' type")],
 )  # fmt: skip
 def test_packing_that_is_not_read_is_refused(tmp_path, packing, fault):
     hdf5(tmp_path / "a.h5", TIMES, COUNTS, **packing)

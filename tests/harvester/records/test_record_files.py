@@ -136,15 +136,15 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
         plain, "heading", "time_unit", "0.125 Hz", "moves at 9", unit="g", column=1, time_column=0
     )
     refused(plain, "has no unit", "give excitation.unit", column=1, time_column=0, time_unit="ms")
-    refused(plain, "no column of times", unit="g", column=1, sampling_rate=RATE, time_unit="ms")
+    refused(plain, "no time column", unit="g", column=1, sampling_rate=RATE, time_unit="ms")
     numbered = written(tmp_path, ["sample,acc [g]"], rows(np.arange(7, COUNT + 7), MOTION / G))
     assert_read(numbered, sampling_rate=RATE)
     assert_read(numbered, sampling_rate=RATE, time_column="sample")
-    refused(numbered, "counts samples", "sampling_rate", time_column=0)
+    refused(numbered, "contains sample numbers", "sampling_rate", time_column=0)
     bare = written(tmp_path, [], rows(np.arange(COUNT)))
     keys = {"unit": "m/s^2", "column": 1, "time_column": 0, "time_unit": "samples"}
     assert_read(bare, sampling_rate=RATE, **keys)
-    refused(bare, "counts samples", **keys)
+    refused(bare, "contains sample numbers", **keys)
 
 
 @pytest.mark.parametrize(
@@ -198,9 +198,11 @@ def test_volts_and_counts_become_accelerations_by_scale_and_offset(tmp_path):
 def test_columns_of_words_are_named(tmp_path):
     words = [f"at {time},{value}" for time, value in zip(TIMES, MOTION, strict=True)]
     path = written(tmp_path, ONE, words)
-    refused(path, "column time [s] holds neither numbers nor time stamps", "sampling_rate")
-    refused(path, "column time [s] holds words", "excitation.time_column", time_column=0)
-    refused(written(tmp_path, ONE, rows(form="{},v {}")), "column acceleration [m/s^2] holds words")
+    refused(path, "column time [s] contains neither numbers nor time stamps", "sampling_rate")
+    refused(path, "column time [s] contains texts", "excitation.time_column", time_column=0)
+    refused(
+        written(tmp_path, ONE, rows(form="{},v {}")), "column acceleration [m/s^2] contains texts"
+    )
 
 
 def test_keys_are_checked_before_the_record_is_read(tmp_path):
@@ -299,10 +301,10 @@ def test_text_is_read_in_the_ways_that_loggers_write_it(tmp_path, name):
 @pytest.mark.parametrize(
     ("last", "kept", "count"),
     [
-        (["Rate 200, overflows 0"], COUNT, "last line holds"),
-        (["", "max,3.0", "# end", "total of 500 samples"], COUNT, "last 2 lines hold"),
-        (["20.00"], COUNT, "last line holds"),
-        (["2.000000,0.12"], COUNT, "last line holds"),
+        (["Rate 200, overflows 0"], COUNT, "last line is"),
+        (["", "max,3.0", "# end", "total of 500 samples"], COUNT, "last 2 lines are"),
+        (["20.00"], COUNT, "last line is"),
+        (["2.000000,0.12"], COUNT, "last line is"),
     ],
 )
 def test_a_footer_and_a_line_cut_short_are_left_out_and_named(tmp_path, last, kept, count):
@@ -434,12 +436,12 @@ def test_what_leads_out_of_an_hdf5_file_is_refused(tmp_path):
     refused(tmp_path / "link.h5", "a link to another file")
     with h5py.File(tmp_path / "raw.h5", "w") as file:
         file.create_dataset("v", (10,), "u1", external=[("other.h5", 0, 10)])
-    refused(tmp_path / "raw.h5", "lie in other files")
+    refused(tmp_path / "raw.h5", "are in other files")
     layout = h5py.VirtualLayout((COUNT,), float)
     layout[:] = h5py.VirtualSource("other.h5", "run 1/time", (COUNT,))
     with h5py.File(tmp_path / "virtual.h5", "w") as file:
         file.create_virtual_dataset("v", layout)
-    refused(tmp_path / "virtual.h5", "lie in other files")
+    refused(tmp_path / "virtual.h5", "are in other files")
     with h5py.File(tmp_path / "large.h5", "w") as file:
         file.create_dataset("v", (10**12,), "f8", chunks=(1000,))
     refused(tmp_path / "large.h5", "more than 67108864 numbers")
@@ -451,7 +453,7 @@ def test_what_leads_out_of_an_hdf5_file_is_refused(tmp_path):
 def test_a_text_in_place_of_a_number_is_not_evaluated(tmp_path):
     pytest.importorskip("idelib")
     ide(tmp_path / "a.ide", "9**9**9**9")
-    refused(tmp_path / "a.ide", "TimeCodeScale is no number")
+    refused(tmp_path / "a.ide", "TimeCodeScale is not a number")
 
 
 def test_a_broken_file_of_a_logger_is_refused_without_a_log(tmp_path, caplog):
@@ -460,7 +462,7 @@ def test_a_broken_file_of_a_logger_is_refused_without_a_log(tmp_path, caplog):
     content = (tmp_path / "a.ide").read_bytes()
     # The identifier of the axis' unit is broken.
     (tmp_path / "a.ide").write_bytes(content.replace(b"R\xa6\x81g", b"R\xf3\x81g"))
-    refused(tmp_path / "a.ide", "not a whole .IDE file", "export it as .csv")
+    refused(tmp_path / "a.ide", "not a valid .IDE file", "export it as .csv")
     assert not caplog.records
 
 
@@ -473,7 +475,7 @@ def test_structures_that_claim_more_than_they_hold_are_refused(tmp_path):
     assert content[place : place + 8] == np.array([1, 1], "<i4").tobytes()
     content[place : place + 8] = np.array([90_000, 90_000], "<i4").tobytes()
     path.write_bytes(content)
-    refused(path, "claims more parts than it holds")
+    refused(path, "claims more parts than it contains")
     deep = {"a": MOTION}
     for _ in range(20):
         deep = {"d": deep}

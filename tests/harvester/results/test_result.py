@@ -160,7 +160,7 @@ def test_names_of_densities_and_figures_lead_to_them(result):
     with pytest.raises(harvester.UnknownQuantity, match=r"figure\(\), without a name.*joint"):
         result.figure("displacement")
     without = Result.from_dict(result.to_dict())
-    with pytest.raises(harvester.UnknownQuantity, match=r"JSON holds none: run the scene again"):
+    with pytest.raises(harvester.UnknownQuantity, match=r"JSON contains none: run the scene again"):
         without.draw_density(None, "displacement")
 
 
@@ -258,7 +258,7 @@ def test_a_damaged_result_is_refused_by_the_value(result, place, value):
     for name in place[:-1]:
         part = part[name]
     part[place[-1]] = value
-    with pytest.raises(harvester.HarvesterError, match=r"no result: .*of Result.to_dict"):
+    with pytest.raises(harvester.HarvesterError, match=r"not a result: .*of Result.to_dict"):
         Result.from_dict(content)
 
 

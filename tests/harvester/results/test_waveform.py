@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
-from harvester.cli.output import check_places
+from harvester.cli.output import check_outputs
 from harvester.engines.simulate import simulate
 from harvester.results import figures
 from harvester.results.files import save
@@ -87,8 +87,8 @@ def test_files_and_tables(tmp_path):
         assert save(wave, tmp_path / f"w{ending}") == [f"w{ending}"]
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
-        check_places(None, None, waveform="w.xls")
-    with pytest.raises(HarvesterError, match="is no result: pass the return value of simulate"):
+        check_outputs(None, None, waveform="w.xls")
+    with pytest.raises(HarvesterError, match="is not a result: pass the return value of simulate"):
         save(scene, tmp_path / "scene")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]

@@ -112,7 +112,7 @@ def test_records_do_not_tell_it_from_the_scale_of_the_bases_sensor():
     scene = Scene.read("device")
     rng = np.random.default_rng(1)
     record = Measurement(rng.standard_normal(4000), 1000.0, voltage=rng.standard_normal(4000))
-    with pytest.raises(HarvesterError, match="records determine the two's ratio alone"):
+    with pytest.raises(HarvesterError, match="records determine only their ratio"):
         harvester.identify(
             scene, record, free=["oscillator.base_factor", "sensor.acceleration_scale"]
         )

@@ -48,9 +48,9 @@ def message_of(call, *arguments, **tables):
         ("x = [" + "1," * 20_000 + "]", [f"more than {MOST_VALUES}"]),
         ("a." * 60_000 + "b = 1", ["too many dots"]),
         ("[" + "a." * 500 + "b]", ["nested too deeply"]),
-        ('"a\\nharvester: fake" = 1', ["run", "no name"]),
-        ('"\\u001b[31m" = 1', ["run", "no name"]),
-        (f"{'x' * 9999} = 1", ["run", "no name"]),
+        ('"a\\nharvester: fake" = 1', ["run", "not a name"]),
+        ('"\\u001b[31m" = 1', ["run", "not a name"]),
+        (f"{'x' * 9999} = 1", ["run", "not a name"]),
         ('settle = "a\\u0000b"', ["run.settle", "NUL"]),
         (f"settle = '{'x' * 9999}'", ["run.settle", "4096"]),
         ("realizations = -3", ["run.realizations"]),
@@ -174,7 +174,7 @@ def test_what_is_no_scene_is_refused(thing):
 def test_keys_that_are_no_names_are_refused():
     scene = Scene.read("paper")
     for key in (None, 1, b"run", 10**5000, (), "", "a\nb", "x" * 999, "\x1b[31m"):
-        assert "no name" in message_of(Scene.from_tables, {**scene.to_tables(), key: 1})
+        assert "not a name" in message_of(Scene.from_tables, {**scene.to_tables(), key: 1})
         message_of(scene.replace, {key: 1})
         message_of(scene.replace, run={key: 1})
         message_of(scene.replace, load={"netlist": "bridge", "parameters": {key: 1}})

@@ -145,7 +145,7 @@ def test_replace_reads_no_record_and_other_samples_of_a_changed_one_are_refused(
     assert np.array_equal(copy.excitation.samples, samples)
     with pytest.raises(SceneError, match="record has changed since the scene was read"):
         scene.replace({"excitation.fade_in": 0.1})
-    with pytest.raises(SceneError, match="a value or a file that it names has changed"):
+    with pytest.raises(SceneError, match="a value or a file of the scene has changed"):
         Scene.from_dict(scene.to_dict())
     again = scene.replace({"excitation.file": str(tmp_path / "a.npy")})
     assert again.digest() != scene.digest()

@@ -44,7 +44,7 @@ def test_breakpoints_are_read_in_the_units_of_their_heading(tmp_path, header):
     ("header", "unit", "words"),
     [
         ("f [Hz],psd [g^2/Hz]", "(m/s^2)^2/Hz", "heading of column psd .* says g.2/Hz"),
-        ("f [Hz],psd [(m/s^2)^2/Hz]", "g^2/Hz", "leave the unit out"),
+        ("f [Hz],psd [(m/s^2)^2/Hz]", "g^2/Hz", "omit the unit"),
         ("f [Hz],asd [g/√Hz]", "g^2/Hz", "unknown unit g/√Hz.*square"),
         ("f [Hz],PSD g/sqrt(Hz)", "g^2/Hz", "square"),
         ("f [Hz],PSD dB", "g^2/Hz", "unknown unit dB"),

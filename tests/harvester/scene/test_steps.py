@@ -55,5 +55,7 @@ def test_a_run_shorter_than_its_knots_is_refused(scene, words):
 
 def test_a_run_without_a_measured_step_is_refused():
     nothing = Moments.empty(0.0, 0.05, (-1.0, 1.0), (), False, 1, 1, 0.1)
-    with pytest.raises(SceneError, match=r"run.duration = .*no whole step lies in it; raise it"):
+    with pytest.raises(
+        SceneError, match=r"run.duration = .*it contains no complete step; raise it"
+    ):
         run_estimates(prepared(Scene.read("paper")), [nothing])

@@ -24,9 +24,9 @@ def test_nothing_is_said_of_a_passive_load():
 
 def test_the_energy_delivered_is_in_the_scenes_unit():
     (note,) = notes(mean_power=1.0, mean_converter_loss=-3.0, converter_efficiency=4.0)
-    assert note.startswith("the load is not passive: it gives 6 W more than it takes")
+    assert note.startswith("the load is not passive: it delivers 6 W more than it takes")
     (note,) = notes(mean_power=-1.0, power_conversion_efficiency=-0.1)
-    assert "it gives 2 W more" in note
+    assert "it delivers 2 W more" in note
 
 
 @pytest.mark.parametrize("efficiency", [1.0004, 1.001, 1.2, 202.0, -352.0])
@@ -42,7 +42,7 @@ def test_an_excess_that_may_be_the_steps_own_says_so():
     (note,) = notes(mean_power=1.0, mean_converter_loss=-0.001, converter_efficiency=1.001)
     assert "or the step too long" in note
     (note,) = notes(mean_power=1.0, mean_converter_loss=-4e-4, converter_efficiency=1.0004)
-    assert note.startswith("the load gives 0.0004 of its power more than it takes: this is")
+    assert note.startswith("the load delivers 0.0004 of its power more than it takes: this is")
 
 
 def test_a_source_that_feeds_the_output_is_no_stored_energy():
@@ -57,7 +57,7 @@ def test_a_source_that_feeds_the_output_is_no_stored_energy():
 def test_a_source_at_a_collapsed_output_is_no_converter():
     """A constant current behind a doubler: it pulls the output to -1.2 V."""
     values = {"supplied_by_b1": 1.2e-3, "output_voltage": -1.2}
-    for sign, advice in ((1.0, "asks for more than the device has"), (-1.0, "a converter")):
+    for sign, advice in ((1.0, "since the load demands too much"), (-1.0, "a converter")):
         found = {k: Estimate(sign * v, None, None, "1") for k, v in values.items()}
         (note,) = supply_notes(found, 1.0, "W")
         assert advice in note

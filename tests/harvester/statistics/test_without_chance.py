@@ -12,8 +12,8 @@ from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import (
+    deterministic_error,
     duration_for_error,
-    error_without_chance,
     standard_error,
 )
 from harvester.statistics.run_estimates import error_of, run_estimates
@@ -22,12 +22,12 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 
 
 def test_equal_batches_have_no_error():
-    assert error_without_chance(np.full((1, 7), 3.0)) == 0.0
+    assert deterministic_error(np.full((1, 7), 3.0)) == 0.0
 
 
 def test_what_is_left_of_the_start_is_covered():
     batches = 1.0 + 0.1 * np.exp(-np.arange(64) / 8.0)[None]
-    assert abs(batches.mean() - 1.0) < error_without_chance(batches) < 0.05
+    assert abs(batches.mean() - 1.0) < deterministic_error(batches) < 0.05
 
 
 SINE = {"kind": "sine", "amplitude": 1.0, "frequency": 6.3}
@@ -157,7 +157,7 @@ def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
 
 
 def test_one_batch_has_no_error():
-    assert error_without_chance(np.ones((1, 1))) is None
+    assert deterministic_error(np.ones((1, 1))) is None
 
 
 # Under 12.5 Hz in a run of 1 s. With a period of 0.05 s both repeat after 0.4 s.
@@ -202,7 +202,7 @@ def test_few_periods_of_a_chaotic_motion_have_an_honest_error(batches):
     The change between the halves, which holds a transient, makes the error larger still.
     """
     series = np.random.default_rng(3).standard_normal((4000, 1, batches))
-    inside = [abs(each.mean()) < 1.96 * error_without_chance(each) for each in series]
+    inside = [abs(each.mean()) < 1.96 * deterministic_error(each) for each in series]
     assert np.mean(inside) > 0.945
 
 

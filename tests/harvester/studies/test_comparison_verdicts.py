@@ -71,10 +71,10 @@ def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
     closure = result(value, notes=("the load is fast",), share_in_wells=0.8)
     said, _ = texts(result(), {"consistent": closure})
     assert f"The closure consistent lies {side} in mean-square voltage, 6 standard" in said[-1]
-    assert "What is known: the load is fast; it is for motion inside a well" in said[-1]
+    assert "Known limits: the load is fast; it assumes motion in one well" in said[-1]
     assert "20% of the time outside the wells" in said[-1]
     said, _ = texts(result(), {"fokker_planck": result(value)})
-    assert said[-1].endswith("It does not say why.")
+    assert said[-1].endswith("No known limit explains this.")
 
 
 def test_a_bistable_closures_limit_is_not_told_of_a_single_well():
@@ -87,14 +87,14 @@ def test_the_paired_difference_and_a_refusal_are_told():
     said, judged = texts(result(), refused={"paper": "β is too large"}, paired=paired)
     assert "disagree: on the same noise the mean-square voltage differs by -5.0 ± 1.0 %" in said[0]
     assert judged[0].good is False
-    assert said[-1] == "Closures that do not apply: paper: β is too large."
+    assert said[-1] == "Closures that are not valid: paper: β is too large."
 
 
 def test_a_small_paired_difference_is_negligible_against_the_limit_in_the_one_verdict():
     paired = {"mean_square_voltage": Estimate(-0.0015, 1e-6, None, "1")}
     said, judged = texts(result(), paired=paired, reference=result())
     assert ": on the same noise the mean-square voltage differs by -0.1500" in said[0]
-    assert "negligible against that limit" in said[0]
+    assert "below that limit" in said[0]
     assert judged[0].good
     assert sum("differs" in each for each in said) == 1
     assert not any("0.0 standard errors" in each for each in said)
@@ -103,7 +103,7 @@ def test_a_small_paired_difference_is_negligible_against_the_limit_in_the_one_ve
 def test_agreement_in_the_voltage_alone_is_not_called_agreement():
     said, judged = texts(result(), {"fokker_planck": result(1.01, mean_square_velocity=1.4)})
     assert "agrees with Monte Carlo's mean-square voltage" in said[-1]
-    assert "but its mean-square velocity is off by +40.0%, +40 standard errors" in said[-1]
+    assert "but its mean-square velocity deviates by +40.0%, +40 standard errors" in said[-1]
     assert judged[-1].good is False
     _, judged = texts(result(), {"fokker_planck": result(1.01)})
     assert judged[-1].good
@@ -111,11 +111,11 @@ def test_agreement_in_the_voltage_alone_is_not_called_agreement():
 
 def test_engines_whose_difference_is_not_sharp_do_not_check_each_other():
     said, judged = texts(result(error=0.75), reference=result(error=0.75))
-    assert "do not check each other: every difference is known no better than ± 10%" in said[0]
+    assert "cannot be cross-checked: every difference is uncertain by more than ± 10%" in said[0]
     assert judged[0].good is None
     paired = {"mean_power": Estimate(0.0, 0.02, None, "1")}
     said, judged = texts(result(error=0.75), reference=result(error=0.75), paired=paired)
     assert "on the same noise the mean power differs most" in said[0]
     assert "standard errors of mean power; on" in said[0]
-    assert "not checked, as known no better than ± 10%: mean-square voltage" in said[0]
+    assert "not checked, as uncertain by more than ± 10%: mean-square voltage" in said[0]
     assert judged[0].good

@@ -82,6 +82,11 @@ def test_differences_on_common_noise_are_paired():
     assert difference.standard_error == pytest.approx(0.002, rel=0.35)
     assert abs(difference.estimate - 0.1) < 4.0 * difference.standard_error
     assert difference.differs
+    # Too few values for an error bar leave open which load is better.
+    few = {name: s[:1, :1] for name, s in series.items() if s is not None}
+    (difference,) = rank({name: s.mean() for name, s in few.items()}, few)[1]
+    assert math.isnan(difference.standard_error)
+    assert not difference.differs
     # Without errors round-off alone is no lead.
     assert not rank({"a": 1.0 + 1e-12, "b": 1.0}, {"a": None, "b": None})[1][0].differs
 

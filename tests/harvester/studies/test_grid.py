@@ -60,12 +60,12 @@ def test_storage_charges_while_the_run_settles(device):
     ("loads", "sweeps", "said"),
     [
         (["bridge"], {"excitation.intensty": [1.0]}, "did you mean excitation.intensity"),
-        (["bridge"], {"run.duration": [1.0]}, "no number of this scene"),
+        (["bridge"], {"run.duration": [1.0]}, "not a number of this scene"),
         (["bridge"], {"storage": [1e-6]}, "did you mean load.parameters.storage"),
         (
             ["resistor", "bridge", "doubler"],
             {"load.parameters.storage": [1e-6]},
-            r"bridge, doubler have this parameter, and not resistor \(it has resistance\): give",
+            r"bridge, doubler have this parameter, but resistor \(it has resistance\) not: give",
         ),
         (["resistor", "bridge"], {"load.parameters.x": [1.0]}, "resistor.lib has no such"),
         (["bridge"], {"load.parameters.resistence": [1.0]}, "did you mean resistance"),

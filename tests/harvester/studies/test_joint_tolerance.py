@@ -33,8 +33,8 @@ def test_devices_scatter_with_the_covariance_about_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"keys": KEYS}, "no identification"),
-        ({"keys": KEYS, "covariance": [[1.0]]}, "no square matrix"),
+        ({"keys": KEYS}, "not an identification"),
+        ({"keys": KEYS, "covariance": [[1.0]]}, "must be a square matrix"),
         ({"keys": ["piezo.couplin"], "covariance": [[1.0]]}, r"did you mean piezo\.coupling"),
     ],
 )

@@ -114,14 +114,14 @@ def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
     ("options", "message"),
     [
         ({"over": "load.decay_rat"}, "did you mean load.decay_rate"),
-        ({"over": "run.duration"}, "no number of this scene"),
+        ({"over": "run.duration"}, "not a number of this scene"),
         ({"over": "load.decay_rate", "low": 2.0, "high": 1.0}, "give it as LOW:HIGH"),
         ({"over": "load.decay_rate", "low": -1.0}, "must be a number > 0"),
         ({"over": "load.decay_rate", "maximise": "mean_powr"}, "did you mean mean_power"),
         ({"over": "load.decay_rate", "method": "spice"}, "unknown method spice"),
         ({"over": "load.decay_rate", "evaluations": 20}, "is for several parameters"),
         ({"over": {}}, "name at least one parameter"),
-        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are the range of a single"),
+        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are for a single"),
         (
             {"over": {"load.decay_rate": None, "excitation.intensity": None}, "closure": "paper"},
             "is for one parameter",

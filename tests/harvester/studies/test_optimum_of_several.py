@@ -143,8 +143,8 @@ def test_runs_without_errors_tell_no_flat_region():
 @pytest.mark.parametrize(
     ("level", "said", "unsaid", "longer"),
     [
-        (0.0, "is 0 within its error where it is largest", "flat", False),
-        (9.0, "flat: nowhere in the range", "widen", True),
+        (0.0, "is 0 within its error at the optimum", "flat", False),
+        (9.0, "flat: in the whole range", "widen", True),
     ],
 )
 def test_a_flat_quantity_and_one_of_nothing_say_so(level, said, unsaid, longer):
@@ -197,7 +197,7 @@ def test_the_command_names_mistakes(capsys):
     for arguments, message in (
         (["--over", "load.decay_rate=1-2"], "must be written as TABLE.KEY=LOW:HIGH"),
         (["--over", "load.decay_rate"] * 2, "is there twice"),
-        (["--over", "load.decay_rate=1:2", "--from", "1"], "are the range of a single --over"),
+        (["--over", "load.decay_rate=1:2", "--from", "1"], "are for a single --over"),
         (["--over", "load.decay_rate", "--evaluations", "9"], "is for several parameters"),
     ):
         assert main(["optimum", "linear", *arguments]) == 2
@@ -211,7 +211,7 @@ def test_the_command_goes_on_after_its_time(tmp_path, capsys):
     command += ["--over", "load.decay_rate=0.5:10", "--over", "excitation.correlation_time=0.1:1"]
     command += ["--workers", "2", "--output", str(tmp_path)]
     assert main([*command, "--time-budget", "0.001"]) == 1
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "repeat the command" in capsys.readouterr().err
     assert main(command) == 0
     assert "within 1% of the maximum" in capsys.readouterr().out
     content = json.loads((tmp_path / "linear-optimum.json").read_text())
@@ -300,6 +300,6 @@ def test_the_published_bistable_harvester(pool):
         )
     assert 0.0165 < 10.0 * found.value.estimate < 0.0175
     assert found.evaluations <= 500
-    words = r"of 16 drawn starts there: the orbit from \[start\] is followed \(.*\): others reach"
-    assert any(re.match(words, line) for line in found.sentences())
+    words = r"of 16 random starts at the optimum: the orbit from \[start\] is followed \("
+    assert any(re.match(words + r".*\): others reach", line) for line in found.sentences())
     assert len(found.to_dict()["orbits"]) > 1

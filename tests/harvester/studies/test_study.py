@@ -412,7 +412,7 @@ def test_a_cross_check_that_failed_or_is_not_sharp_is_not_checked(study):
     assert not any(proof.checks or proof.disagrees for proof in proofs)
     head, *lines = replace(study, proofs=proofs)._proofs()
     assert head.endswith("not checked at 3")
-    assert lines[0].endswith("0.5 (optimum): not checked (known no better than ± 10%)")
+    assert lines[0].endswith("0.5 (optimum): not checked (uncertain by more than ± 10%)")
     assert lines[1].endswith(": not checked (the circuit stopped)")
     assert "(0.0 σ) in the first 6 periods; settled part not checked (the circuit" in lines[2]
 
@@ -496,4 +496,4 @@ def test_a_point_that_sources_of_the_load_feed_is_not_ranked(tmp_path, pool):
         "at 100 kΩ, 1 MΩ not ranked: b1 in the load supplies the output's whole power: nothing is "
         "harvested"
     )
-    assert found.headline() == "no load has a power"
+    assert found.headline() == "no load has an output power"

@@ -54,7 +54,7 @@ def test_a_normal_distribution_is_cut_off_at_what_the_key_allows():
     ("key", "text", "message"),
     [
         ("stoppers.gapp", "±10%", r"--vary stoppers\.gapp: no number.*did you mean stoppers\.gap"),
-        ("run.duration", "±10%", "no number of this scene"),
+        ("run.duration", "±10%", "not a number of this scene"),
         ("stoppers.gap", "10%", r"no such distribution; write ±10%"),
         ("stoppers.gap", "gaussian:1:2", "no such distribution"),
         ("stoppers.gap", "normal:1", "no such distribution"),

@@ -149,7 +149,7 @@ def test_peak_and_rms_of_a_sine():
     # A ceramic bears 27.6 MPa over 66 GPa, without a word in the scene.
     assert expected > 27.6e6 / 66e9
     assert any("exceeds 0.000418, the limit of PSI-5A4E" in note for note in result.notes)
-    with pytest.raises(HarvesterError, match="needs a line of Basquin"):
+    with pytest.raises(HarvesterError, match="needs the Basquin curve"):
         result["fatigue_life"]
 
 
@@ -270,7 +270,7 @@ def test_an_optimum_keeps_the_limit():
     found = harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, evaluations=16)
     assert 0.9 * 4.0 < found.parameters[0].place <= 4.0 * (1.0 + 1e-6)
     assert any("strain_limit" in line for line in found.sentences())
-    with pytest.raises(HarvesterError, match="gives no peak strain"):
+    with pytest.raises(HarvesterError, match="computes no peak strain"):
         harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, method="spectral")
 
 

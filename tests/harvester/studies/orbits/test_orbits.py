@@ -225,7 +225,7 @@ def test_refusals():
         duffing(0.25, 0.2, 1.0, starts=2).replace({"start.velocity": 1.0})
     with pytest.raises(HarvesterError, match="two different numbers"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over={"excitation.amplitude": [0.1]})
-    with pytest.raises(HarvesterError, match=r"nothing in \[run\]"):
+    with pytest.raises(HarvesterError, match=r"so \[run\] has no effect"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over={"run.duration": [1.0, 2.0]})
 
 
@@ -256,7 +256,7 @@ def test_what_is_not_settled_is_no_steady_motion():
     other = replace(orbit, name="not settled", kind="not settled", period=None, mean_power=math.nan)
     first, best, _, last = orbit_sentences([orbit, other], {"power": "W"}.get)
     assert first == "1 steady motion: period 1"
-    assert best.startswith("most power on orbit A, 2.0000 ± 0.0010 W")
+    assert best.startswith("largest power on orbit A, 2.0000 ± 0.0010 W")
     assert last.startswith("3 starts: not settled, ")
 
 
@@ -535,7 +535,7 @@ def test_a_barrier_of_three_temperatures_but_for_rounding_has_kramers_time():
     # D = 1/6 in seven digits: 2.9999994 temperatures.
     assert kramers_time(prepared(three_temperatures(0.1666667)), 1.0)[1] == ""
     reason = kramers_time(prepared(three_temperatures(0.1672)), 1.0)[1]
-    assert reason == "the barrier is 2.99 temperatures and not 3 or more"
+    assert reason == "the barrier is 2.99 temperatures: must be 3 or more"
 
 
 def test_what_the_knots_of_white_noise_lengthen_is_noted():
@@ -561,7 +561,7 @@ def test_a_missing_kramers_time_is_told_with_its_value():
     ]
     residence = Residence(scene, "excitation.intensity", found, "monte-carlo", "", 0.0)
     (line,) = [line for line in residence.sentences() if "Kramers" in line]
-    assert line.startswith("Kramers' formula is left out at excitation.intensity = 0.3: ")
+    assert line.startswith("Kramers' formula is not valid at excitation.intensity = 0.3: ")
     header, rows = residence.table()
     assert header[2] == "residence time ± standard error [s]"
 
@@ -682,5 +682,5 @@ def test_a_start_that_diverges_is_an_outcome_of_its_own(pool):
     assert [orbit.kind for orbit in found.orbits][-1] == "diverges"
     assert found.orbit[0, 1] == len(found.orbits) - 1
     assert any("values overflow" in line for line in found.sentences())
-    with pytest.raises(HarvesterError, match=r"must be rising numbers, such as numpy.linspace"):
+    with pytest.raises(HarvesterError, match=r"must be ascending numbers, such as numpy.linspace"):
         harvester.basins(scene, displacement=[0.0, -1.0], executor=pool)
