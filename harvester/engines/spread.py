@@ -48,7 +48,7 @@ def useful_processes(prepared_scene: Prepared, engine: Engine) -> int:
     if not isinstance(engine, MonteCarlo) or not prepared_scene.scene.load.is_resistor:
         return count
     step = knot_spacing(prepared_scene) / steps_per_sample(prepared_scene, engine.step, engine.name)
-    return min(count, math.ceil(count * stop_time(prepared_scene) / step / STEPS_OF_A_PROCESS))
+    return math.ceil(min(count, count * stop_time(prepared_scene) / step / STEPS_OF_A_PROCESS))
 
 
 def optimal_batch_size(prepared_scene: Prepared, engine: Engine, pool: Workers) -> int:

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.signal import lfilter
 
 from harvester.averaging.closures import average
@@ -14,7 +15,14 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import UNRESOLVED, Estimate
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.settling import _expected_jumps, left_of_start, shortfalls, withheld
+from harvester.statistics.settling import (
+    _expected_jumps,
+    _exponential,
+    _lyapunov,
+    left_of_start,
+    shortfalls,
+    withheld,
+)
 
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
@@ -25,6 +33,15 @@ EACH = [
     pytest.param(name, marks=() if name in BRIEF else pytest.mark.exhaustive)
     for name in Scene.names()
 ]
+
+
+@pytest.mark.parametrize("time", [0.0, 1e-3, 1.0, 300.0])
+def test_linear_equations_are_solved_as_by_scipy(time):
+    matrix = np.array([[0.0, 1.0, 0.0], [-4.0, -0.3, 1.0], [0.0, 0.0, -20.0]])
+    np.testing.assert_allclose(_exponential(matrix * time), expm(matrix * time), atol=1e-11)
+    noise = np.diag([0.0, 0.0, -2.0])
+    solved = solve_continuous_lyapunov(matrix, noise)
+    np.testing.assert_allclose(_lyapunov(matrix, noise), solved, rtol=1e-12, atol=1e-15)
 
 
 def notes_of(result):
