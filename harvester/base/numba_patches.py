@@ -171,7 +171,7 @@ def load_alone() -> None:
 
     caching.Cache.load_overload = load_overload
     # `_rebuild_env` imports the module of each function that compiled code contains.
-    environment.importlib = SimpleNamespace(import_module=named)  # type: ignore[attr-defined]
+    environment.importlib = SimpleNamespace(import_module=named)
 
 
 def wait_for_other_processes() -> None:
