@@ -36,9 +36,9 @@ and names the function that does each thing. Read the modules in this order.
    and the contacts' force, `code.iterate` puts the diodes' slopes and currents in, eliminates the
    core and moves the junctions' voltages. `stage._linearise` does the same for behavioural sources,
    from `circuits.netlist.expression_graph`. `code.finish` gives the change of all unknowns.
-4. `code.conclude` ends the last stage and estimates the step's error by an embedded formula of
-   third order. Too great an error, a contact entered (`harvester.device.zones`) or a switch that
-   turns (`switching.switched`) shortens the step, and it is tried again.
+4. `code.conclude` and `code.error` estimate the step's error by an embedded formula of third order.
+   Too great an error, a contact entered (`harvester.device.zones`) or a switch that turns
+   (`switching.switched`) shortens the step, and it is tried again.
 5. `stepping._accept` makes the step's end the state (`code.accept`) and proposes the next length.
    `points.add_points` writes the point: displacement, voltages, and powers whose mean over the step
    is exact, so that the energy balance closes.

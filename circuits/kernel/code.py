@@ -10,11 +10,11 @@ function has the arguments of `circuits.kernel.emitter`:
   `ordered`; the last number comes onto the velocity's row.
 - ``again``: the same of the second stage, with the first one's `stored` for the rates.
 - ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
-- ``finish``: `change` and `stored` of a first stage from the last iteration, and guesses of the
-  junctions' voltages further ahead by a share of their movement.
-- ``conclude``: the same of a last stage, without guesses; `new_rates` and `filtered`, the step's
-  error divided by the matrix, from δ, the weight of the first stage in the second and the length.
-  Gives the energy of the error.
+- ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages
+  further ahead by a share of their movement.
+- ``conclude``: `new_rates` and `error` of a step, from δ, the weight of the first stage in the
+  second and the length.
+- ``error``: `filtered` from `error`; gives the energy of the error.
 - ``accept``: the step's end becomes the state.
 """
 
@@ -70,7 +70,7 @@ class Shape(NamedTuple):
     layout: Layout
 
 
-class Code(namedtuple("Code", "factor predict begin again iterate finish conclude accept")):
+class Code(namedtuple("Code", "factor predict begin again iterate finish conclude error accept")):
     """Addresses of a circuit's compiled functions, which the module's docstring describes."""
 
 
@@ -101,7 +101,9 @@ def _tuples(array):
 def _compiled(shape: Shape) -> tuple[Any, Code]:
     """The engine that owns the code, and its addresses."""
     module = ir.Module()
-    writers = (_factor, _predict, _begin, _again, _iterate, _finish, _conclude, _accept)
+    writers = (
+        _factor, _predict, _begin, _again, _iterate, _finish, _conclude, _error, _accept,
+    )  # fmt: skip
     for name, write in zip(Code._fields, writers, strict=True):
         write(Emitter(module, name), shape)
     engine, addresses = compile_module(module)
@@ -250,18 +252,7 @@ def _add_behavioural(e, shape, matrix, right):
 
 
 def _finish(e: Emitter, shape: Shape) -> None:
-    """Write `finish`: all unknowns from the core's, and guesses of the junctions' voltages."""
-    at = shape.layout
-    _end_stage(e, shape)
-    for group in _groups(shape):
-        v = e.load(at.iterated + group.first, count=group.width)
-        moved = (v - e.load(at.voltages + group.first, count=group.width)) * e.numbers[0]
-        e.store(at.iterated + group.first, _ahead(e, shape, group, v, moved))
-    e.give(e.constant(0.0))
-
-
-def _end_stage(e, shape):
-    """Write all unknowns from the core's; return the charges that they have moved."""
+    """Write `finish`: all unknowns from the core's, and the charges that they have moved."""
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
@@ -272,48 +263,32 @@ def _end_stage(e, shape):
     for k, (row, column) in enumerate(shape.entries):
         stored[row] = stored[row] + e.load(at.capacity + k) * change[column]
     for group in _groups(shape):
+        v = e.load(at.iterated + group.first, count=group.width)
         if group.traits.charge:
-            v = e.load(at.iterated + group.first, count=group.width)
             charge = _law(e, shape, group).charge(v)
             e.store(at.new_charges + group.first, charge)
             lost = e.load(at.charges + group.first, count=group.width) - charge
             for (a, z), component in zip(group.ends(shape), lost.parts(), strict=True):
                 _through(stored, a, z, component)
+        moved = (v - e.load(at.voltages + group.first, count=group.width)) * e.numbers[0]
+        e.store(at.iterated + group.first, _ahead(e, shape, group, v, moved))
     for i in range(n):
         e.store(at.change + i, change[i])
         e.store(at.stored + i, stored[i])
-    return stored
+    e.give(e.constant(0.0))
 
 
 def _conclude(e: Emitter, shape: Shape) -> None:
-    """Write `conclude`: the end of the last stage, the rates there, and the step's error.
-
-    The error of charges is divided by the matrix, which keeps the estimate from growing with a
-    stiff network's rates (Hosea and Shampine 1996). The energy is that of both.
-    """
+    """Write `conclude`: rates at the step's end, and the error that `ERROR` makes of the rates."""
     delta, factor, h = e.numbers
-    at, n, first, per_delta = shape.layout, len(shape.rows), shape.linear, 1.0 / delta
-    stored, error = _end_stage(e, shape), []
-    for i in range(n):
-        rate, early = e.load(at.rates + i), e.load(at.first + i)
-        new = (stored[i] - factor * early) * per_delta
-        middle = early * per_delta - rate
+    at, per_delta = shape.layout, 1.0 / delta
+    for i in range(len(shape.rows)):
+        rate, first = e.load(at.rates + i), e.load(at.first + i)
+        new = (e.load(at.stored + i) - factor * first) * per_delta
+        middle = first * per_delta - rate
         e.store(at.new_rates + i, new)
-        error.append(h * (rate * ERROR[0] + middle * ERROR[1] + new * ERROR[2]))
-    matrix = _loaded(e, shape)
-    for where, address in shape.places:
-        if min(where) >= first:
-            matrix[where] = e.load(at.core + address)
-    values = [error[row] for row in shape.rows]
-    forward(matrix, values, 0, n)
-    backward(matrix, values, 0, n)
-    total = e.constant(0.0)
-    for i in range(n):
-        filtered = values[shape.columns.index(i)]
-        e.store(at.filtered + i, filtered)
-        if i < n - 1:
-            total = total + (error[i] * filtered).size()
-    e.give(total)
+        e.store(at.error + i, h * (rate * ERROR[0] + middle * ERROR[1] + new * ERROR[2]))
+    e.give(e.constant(0.0))
 
 
 def _accept(e: Emitter, shape: Shape) -> None:
@@ -331,6 +306,30 @@ def _accept(e: Emitter, shape: Shape) -> None:
             charges = e.load(at.new_charges + group.first, count=group.width)
             e.store(at.charges + group.first, charges)
     e.give(e.constant(0.0))
+
+
+def _error(e: Emitter, shape: Shape) -> None:
+    """Write `error`: the error of charges, divided by the matrix, and the energy of both.
+
+    The division keeps the estimate from growing with a stiff network's rates (Hosea and Shampine
+    1996).
+    """
+    at, n, first = shape.layout, len(shape.rows), shape.linear
+    matrix = _loaded(e, shape)
+    for where, address in shape.places:
+        if min(where) >= first:
+            matrix[where] = e.load(at.core + address)
+    error = [e.load(at.error + i) for i in range(n)]
+    values = [error[row] for row in shape.rows]
+    forward(matrix, values, 0, n)
+    backward(matrix, values, 0, n)
+    total = e.constant(0.0)
+    for i in range(n):
+        filtered = values[shape.columns.index(i)]
+        e.store(at.filtered + i, filtered)
+        if i < n - 1:
+            total = total + (error[i] * filtered).size()
+    e.give(total)
 
 
 class _Group(NamedTuple):

@@ -19,7 +19,7 @@ SLOTS = 24
 class Layout(
     namedtuple(
         "Layout",
-        "y rates largest change stored first new_rates right ordered filtered steady "
+        "y rates largest change stored first new_rates right ordered error filtered steady "
         "solution core iterated voltages before charges new_charges capacity conductance "
         "switches junctions slopes sizes slots end",
     )
@@ -34,7 +34,7 @@ class Layout(
     stored, first : n, change of C y + q in the stage, and in the step's first one.
     new_rates : n, rates at the step's end.
     right, ordered : n, right-hand side, and in the order of pivots the linear ones eliminated.
-    filtered : n, a step's error of y.
+    error, filtered : n, a step's error of C y + q, and of y.
     steady : n, constant sources.
     solution : c, changes of the core's unknowns; ground's last, 0.
     core : factors of the core in the latest iteration, as `Order.places` counts.
@@ -54,7 +54,7 @@ def layout_of(tables: Tables, order: Order) -> Layout:
     n, m, core = tables.steady.size, len(tables.junctions), len(order.rows) - order.linear
     entries, factors = len(tables.entries), len(order.places)
     sizes = [
-        *[n] * 11, core + 1, factors, *[m] * 5, entries, entries, len(tables.switches),
+        *[n] * 12, core + 1, factors, *[m] * 5, entries, entries, len(tables.switches),
         m * junction.COLUMNS, len(tables.inputs), len(tables.behavioural), SLOTS * factors,
     ]  # fmt: skip
     return Layout(0, *(int(offset) for offset in np.cumsum(sizes)))

@@ -74,7 +74,7 @@ SCALARS = np.dtype(
 class State(
     namedtuple(
         "State",
-        "code address slots stride motion core keys y rates largest change stored right "
+        "code address slots stride motion core keys y rates largest change stored right error "
         "filtered solution iterated voltages before charges new_charges slopes sizes switches "
         "capacity conductance latest closed values shares jumps passing scalars",
     )
@@ -106,7 +106,8 @@ def fresh_state(circuit: Circuit) -> State:
     n, m, k = tables.steady.size, len(tables.junctions), len(tables.graph)
     core = order.columns[order.linear :].copy()
     lengths = {
-        **dict.fromkeys(("y", "rates", "largest", "change", "stored", "right", "filtered"), n),
+        **dict.fromkeys(("y", "rates", "largest", "change", "stored", "right"), n),
+        **dict.fromkeys(("error", "filtered"), n),
         "solution": core.size + 1,
         **dict.fromkeys(("iterated", "voltages", "before", "charges", "new_charges"), m),
         "slopes": len(tables.inputs),

@@ -434,10 +434,8 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         settled = solve_stage(
             device, tables, state, slot, delta, time + ahead, base, zone, row_unit
         )
-        if stage == 0 and not euler:
-            call(code.finish, memory, slot, 1.0 / share - 1.0, 0.0, 0.0)
-        else:
-            error = call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
+        further = 1.0 / share - 1.0 if stage == 0 else 0.0
+        call(code.finish, memory, slot, further, 0.0, 0.0)
         if not settled:
             break
         moved = base - x + delta * pace * (y[n - 1] + state.change[n - 1])
@@ -449,14 +447,15 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
             _guess(tables, state, 1.0 / share)
     if settled:
         scalars.mean_power = power if euler else mean + DIAGONAL * power
-        if not rates_known:
-            error = 0.0
-        # A turning point is located to this accuracy at best: Newton's residual limits it.
-        elif h >= located:
-            missed = missed_controls(tables, state)
-            if tables.own.shape[0] > 0:
-                missed = max(missed, missed_self_oscillation(tables, state))
-        if euler:
+        call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
+        if rates_known:
+            error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
+            # A turning point is located to this accuracy at best: Newton's residual limits it.
+            if h >= located:
+                missed = missed_controls(tables, state)
+                if tables.own.shape[0] > 0:
+                    missed = max(missed, missed_self_oscillation(tables, state))
+        elif euler:
             for i in range(n - 1):
                 carried += abs(state.stored[i] * state.change[i])
     return settled, error, carried, x + moved, missed
