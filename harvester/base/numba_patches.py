@@ -15,7 +15,8 @@ what                                why
                                     removed, and a damaged file may end the process
 `name_by_sources`                   numba compares the function's own file alone, not the files of
                                     the functions that it calls
-`load_alone`                        numba fills tables that only compiling needs
+`load_alone`                        numba fills tables and imports modules that only compiling
+                                    needs, scipy among them
 `wait_for_other_processes`          workers that begin together would all compile the same
 `read_no_settings_file`             a file of the working folder may name a folder of code
 `ziggurat`                          numba's copy of numpy's tables: the same normal numbers
@@ -33,6 +34,7 @@ import hashlib
 import inspect
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from harvester.base import numba_cache
@@ -43,7 +45,7 @@ with away_from_working_folder():
     import llvmlite.binding
     import numba
     from numba import carray, cfunc, extending, njit, types
-    from numba.core import caching, cgutils, dispatcher
+    from numba.core import caching, cgutils, dispatcher, environment
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.runtime import rtsys
     from numba.extending import intrinsic
@@ -67,6 +69,7 @@ ORIGINAL = {
     "numba.core.caching.Cache._index_key": caching.Cache._index_key,
     "numba.core.caching.Cache.load_overload": caching.Cache.load_overload,
     "numba.core.dispatcher.Dispatcher.compile": dispatcher.Dispatcher.compile,
+    "numba.core.environment._rebuild_env": environment._rebuild_env,
 }
 # Digests of the originals' source in the release with which the patches were tested.
 REPLACED = {
@@ -74,6 +77,7 @@ REPLACED = {
     "numba.core.caching.Cache._index_key": "c861935e10096c3c",
     "numba.core.caching.Cache.load_overload": "49a98e578d710b9b",
     "numba.core.dispatcher.Dispatcher.compile": "0ab4aee15e79bb1d",
+    "numba.core.environment._rebuild_env": "f946d544aa9ef65e",
 }
 
 
@@ -150,9 +154,10 @@ def name_by_sources() -> None:
 
 
 def load_alone() -> None:
-    """Load cached code without numba's tables of all functions, which only compiling needs.
+    """Load cached code without numba's tables of all functions and without the modules of the
+    functions that it calls: only compiling needs them.
 
-    A process that compiles nothing starts 0.1 s sooner.
+    A process that compiles nothing starts 0.3 s sooner.
     """
 
     def load_overload(self, sig, target_context):
@@ -160,7 +165,13 @@ def load_alone() -> None:
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
 
+    def named(module):
+        # Compiled code reads no global variable; by the name numba knows what may be cached.
+        return SimpleNamespace(__name__=module)
+
     caching.Cache.load_overload = load_overload
+    # `_rebuild_env` imports the module of each function that compiled code contains.
+    environment.importlib = SimpleNamespace(import_module=named)
 
 
 def wait_for_other_processes() -> None:

@@ -10,6 +10,7 @@ call is a pickled (function, arguments). The module-level function gets an addit
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import pickle
 import queue
@@ -44,6 +45,7 @@ def as_answer(error: BaseException) -> HarvesterError:
 def main() -> None:
     """Serve calls until standard input closes."""
     global _give_up
+    gc.set_threshold(50_000)  # as in `harvester.__main__`
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Answers go to a copy of standard output, so that text from libraries cannot mix with them.
     answers = os.fdopen(os.dup(1), "wb")

@@ -70,7 +70,7 @@ def simulate(
         default, fine, finest, or the longest step in seconds. It is rounded down to a whole
         division of the knot spacing, and shorter in contact.
     workers : int or None
-        Number of processes (default: one per core).
+        Maximum number of processes (default: one per core).
     time_limit : float
         Wall-clock limit of one realization, without compilation.
     keep_going : bool
@@ -146,7 +146,8 @@ def simulate(
     stretch = spread.stretch_of(prepared_scene, window, nodes)
     follow = spread.Follower(prepared_scene, engine.name, progress) if progress else None
     try:
-        with spread.running(runner, executor, scene.run.realizations, workers) as pool:
+        processes = spread.useful_processes(prepared_scene, engine)
+        with spread.running(runner, executor, processes, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
             several = several_starts(prepared_scene)

@@ -17,7 +17,7 @@ from harvester.engines import side_by_side
 from harvester.engines.methods import Circuit, Engine, MonteCarlo
 from harvester.engines.realization import Realization, WaveformWindow, run
 from harvester.scene.paths import distinct_realizations
-from harvester.scene.steps import stop_time
+from harvester.scene.steps import knot_spacing, steps_per_sample, stop_time
 
 if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 # If no window is asked for: periods of small oscillations in the waveform, and its largest number
 # of points. With a fast switching load the number of points may be the limit.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
+# Number of Monte Carlo steps that take as long as the start of a process, 0.5 s.
+STEPS_OF_A_PROCESS = 1e7
 
 
 @contextlib.contextmanager
@@ -38,6 +40,15 @@ def running(
     else:
         with processes(executor, workers, calls) as pool:
             yield pool
+
+
+def useful_processes(prepared_scene: Prepared, engine: Engine) -> int:
+    """Maximum number of processes that shorten a run; 1 for a short one by Monte Carlo."""
+    count = prepared_scene.scene.run.realizations
+    if not isinstance(engine, MonteCarlo) or not prepared_scene.scene.load.is_resistor:
+        return count
+    step = knot_spacing(prepared_scene) / steps_per_sample(prepared_scene, engine.step, engine.name)
+    return math.ceil(min(count, count * stop_time(prepared_scene) / step / STEPS_OF_A_PROCESS))
 
 
 def optimal_batch_size(prepared_scene: Prepared, engine: Engine, pool: Workers) -> int:

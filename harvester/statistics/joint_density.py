@@ -108,7 +108,8 @@ def _bins_to_merge(counts):
 
 def _merged(counts, factors):
     """Merge adjacent bins of each axis, about the middle."""
-    for axis, factor in enumerate(factors):
+    for axis in np.flatnonzero(np.array(factors) > 1):
+        factor = factors[axis]
         spare = -(counts.shape[axis] // 2) % factor
         wide = np.pad(counts, [(spare, spare) if k == axis else (0, 0) for k in range(2)])
         counts = np.add.reduceat(wide, np.arange(0, wide.shape[axis], factor), axis=axis)

@@ -43,13 +43,14 @@ MOST_TOGETHER = 64
 # Segments between knots that are computed at a time, over all realizations. The noise and any kept
 # points then fit into the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
+NO_POINTS = Record(*np.empty((len(Record._fields), 0)))
 
 
 def prepare(prepared_scene: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s = prepared_scene.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
-    room, position = BatchWorkspace.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    room, position = BatchWorkspace.of(s, [(0.0, 0.0, 0.0)], 0, 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
     advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, position)
 
@@ -82,10 +83,10 @@ def run_realizations(
             for observer in watching
             if not isinstance(observer, Moments)
         ]
+        readers = [1 + k for k, observer in others if getattr(observer, "reads_points", True)]
         chunks = integrate(
             s, paths[some], starts[some], stop_time(prepared_scene), fixed, engine.scheme,
-            in_contact, moments,
-            any(getattr(observer, "reads_points", True) for _, observer in others),
+            in_contact, moments, max(readers, default=0),
         )  # fmt: skip
         for columns, points in chunks:
             for k, other in others:
@@ -98,8 +99,8 @@ def run_realizations(
 
 
 def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
-    """The points of realization k in a chunk from `integrate`; empty if points are not kept."""
-    return Record(*columns[k, :, : points[k]])
+    """The points of realization k in a chunk from `integrate`; empty if they are not kept."""
+    return Record(*columns[k, :, : points[k]]) if k < len(columns) else NO_POINTS
 
 
 def integrate(
@@ -111,7 +112,7 @@ def integrate(
     scheme: str = "runge-kutta",
     steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
     moments: Sequence[Moments] = (),
-    keep: bool = True,
+    keep: int | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Integrate Eq. 4 along several noise paths, side by side.
 
@@ -129,14 +130,14 @@ def integrate(
         A name in `harvester.device.schemes.NAMED`.
     moments : sequence of Moments
         One for each path, empty at first; points are added to them. Empty: none are recorded.
-    keep : bool
-        Whether the points are kept.
+    keep : int or None
+        The points of that many realizations are kept, of the first ones; None: of all.
 
     Yields
     ------
-    ndarray, shape (len(paths), 9, ·)
+    ndarray, shape (keep, 9, ·)
         A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
-        point; the next chunk overwrites it; empty if points are not kept.
+        point; the next chunk overwrites it.
     ndarray of int64, shape (len(paths),)
         Number of points of each.
 
@@ -147,14 +148,15 @@ def integrate(
     spacing, edges = paths[0].spacing, _edges(s)
     chosen = scheme_of(s, scheme, spacing / steps_per_sample)
     knots = math.ceil(stop / spacing - 1e-9)
-    most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
+    keep = len(paths) if keep is None else keep
+    most = min(SEGMENTS // len(paths), SEGMENTS_KEPT // max(keep, 1))
     first_knots = [float(path.read(1)[0]) for path in paths]
     # If the base already moves at t = 0, it has already displaced charge.
     begun = [
         (x, v, state - s.transducer.kept_state(0.0, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
     ]
-    room, position = BatchWorkspace.of(s, begun, _points(most) if keep else 0), _beginning()
+    room, position = BatchWorkspace.of(s, begun, keep, _points(most)), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
     samples = noise.reshape(most + 1, -1)

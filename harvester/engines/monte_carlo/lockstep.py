@@ -66,8 +66,8 @@ class BatchWorkspace(NamedTuple):
     points
         Number of points of each realization since its last reset.
     columns
-        The recorded points, shape (realizations, fields of `Record`, points); of length 0 if
-        none are kept.
+        The points of the first realizations, as many as are kept; shape (kept, fields of
+        `Record`, points).
     """
 
     states: np.ndarray
@@ -78,9 +78,9 @@ class BatchWorkspace(NamedTuple):
 
     @classmethod
     def of(
-        cls, s: System, starts: Sequence[tuple[float, float, float]], points: int
+        cls, s: System, starts: Sequence[tuple[float, float, float]], keep: int, points: int
     ) -> BatchWorkspace:
-        """Realizations at their starts, with memory for a number of points each: 0 or at least 2.
+        """Realizations at their starts, with memory for points of the first `keep`: at least 2.
 
         A start is (X, X', transducer's state).
         """
@@ -100,7 +100,7 @@ class BatchWorkspace(NamedTuple):
             apart=np.zeros((blocks, ROWS * TOGETHER)),
             which=np.zeros(blocks * TOGETHER, dtype=np.int64),
             points=np.zeros(len(starts), dtype=np.int64),
-            columns=np.empty((len(starts), len(Record._fields), points)),
+            columns=np.empty((keep, len(Record._fields), points)),
         )
 
 
@@ -147,8 +147,7 @@ def advance(
     # A loop over a constant number would be unrolled slot by slot. One realization alone takes as
     # long as eight, or less.
     lanes = noise.shape[2] if room.points.size > 1 else 1
-    room_for = room.columns.shape[2]
-    fullest, full = 0, room_for - 1 if room_for > 0 else MOST_POINTS
+    fullest, full = 0, room.columns.shape[2] - 1 if room.columns.shape[0] > 0 else MOST_POINTS
     while segment < noise.shape[0] - 1 and fullest < full:
         knots = (noise[segment], noise[segment + 1], spacing)
         begin = (first_knot + segment) * spacing
@@ -411,12 +410,13 @@ def _correct(s, cells, i, length, measured, rows, k):
 
 @merged
 def _keep(room, rows, realization):
-    """Count a realization's latest point, and keep it if points are kept; returns their number."""
+    """Count a realization's latest point, and keep it if asked to; returns the number kept."""
     k, point = realization % TOGETHER, room.points[realization]
-    if room.columns.shape[2] > 0:
-        for row in range(room.columns.shape[1]):
-            room.columns[realization, row, point] = rows[row * TOGETHER + k]
     room.points[realization] = point + 1
+    if realization >= room.columns.shape[0]:
+        return 0
+    for row in range(room.columns.shape[1]):
+        room.columns[realization, row, point] = rows[row * TOGETHER + k]
     return point + 1
 
 

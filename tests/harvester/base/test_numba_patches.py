@@ -61,6 +61,25 @@ def test_a_settings_file_of_the_working_folder_is_not_read(tmp_path):
     assert done.stdout.split()[-1] == "3"
 
 
+@pytest.mark.slow
+def test_cached_code_is_loaded_without_what_only_compiling_needs(tmp_path):
+    (tmp_path / "part.py").write_text(
+        "import numpy as np\n"
+        "from harvester.base.compilation import compiled\n"
+        "place = compiled(lambda numbers: np.searchsorted(numbers, 1.5))\n"
+    )
+    program = (
+        "import sys; import numpy as np; from part import place; "
+        "print(place(np.arange(4.0)), 'numba.np.arraymath' in sys.modules)"
+    )
+    here = str(Path(__file__).parents[3])
+    variables = {"PYTHONPATH": f"{here}:{tmp_path}", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    call = [sys.executable, "-c", program]
+    for compiling in (True, False):
+        done = subprocess.run(call, env=variables, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == ["2", str(compiling)]
+
+
 def test_nothing_of_numba_is_changed_elsewhere():
     """An assignment to an attribute of numba's own modules, other than its public settings."""
     package = Path(numba_cache.__file__).parents[1]

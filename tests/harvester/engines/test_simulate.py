@@ -14,7 +14,9 @@ from truths import flat, interpolated_linear_means
 
 import harvester
 from harvester.base.errors import EnergyNotBalanced, HarvesterError, SimulatorTimeout
+from harvester.engines.methods import engine_of
 from harvester.engines.simulate import simulate
+from harvester.engines.spread import useful_processes
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -293,3 +295,19 @@ def test_the_package_offers_its_objects_lazily():
     assert "Scene" in dir(harvester)
     with pytest.raises(AttributeError, match="simulat"):
         _ = harvester.simulat
+
+
+@pytest.mark.parametrize(
+    ("overrides", "method", "expected"),
+    [
+        ([], "monte-carlo", 1),
+        (["run.duration=22000"], "monte-carlo", 3),
+        (["run.duration=1e9"], "monte-carlo", 64),
+        ([], "circuit", 64),
+    ],
+)
+def test_only_a_run_that_takes_longer_than_a_process_to_start_is_spread(
+    overrides, method, expected
+):
+    prepared_scene = prepared(Scene.read("paper", overrides))
+    assert useful_processes(prepared_scene, engine_of(method)) == expected
