@@ -35,7 +35,7 @@ from harvester.statistics.attractors import (
 )
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.run_estimates import run_estimates
-from harvester.statistics.stroboscope import STATE
+from harvester.statistics.stroboscope import STATE, strobe_times
 from harvester.statistics.transient import memory_of
 from harvester.statistics.units import unit_of
 
@@ -59,6 +59,10 @@ SETTLED = 1e-5
 SAMPLES, FEWEST_SAMPLES = 64, 6
 # Orbits whose powers differ by less than this share are reported as one, such as mirror images.
 SAME_POWER = 1e-3
+TRANSIENTS = (
+    "no start follows this orbit from the beginning of the measured time on, so that its means "
+    "contain transients: raise run.settle"
+)
 ORBITS = {"rest": "from rest", "best": "with the most power"}
 
 
@@ -114,7 +118,8 @@ def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
 
     With `exponent`, a function of samples and members, motions that have not settled are left out.
     """
-    samples = samples[:, ~np.isnan(samples).any(axis=(0, 2))]
+    reached = ~np.isnan(samples).any(axis=(0, 2))
+    samples, length = samples[:, reached], strobe_times(prepared_scene)[2] - np.sum(~reached)
     last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
     periodic = bool(prepared_scene.scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
     if not last.shape[1]:
@@ -128,16 +133,16 @@ def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
             remains = transients(states[members], memory_of(prepared_scene))[2]
             if remains.min() <= NEARLY_CONVERGED:
                 cycle = _on_cycle(prepared_scene, last[members[[np.argmin(remains)]]], cost)
-                members = members[_settled(samples[members, :, :STATE], group.period)]
+                on_cycle = _settled(samples[members, :, :STATE], group.period, length)
+                members = members[on_cycle]
             elif exponent:
                 continue
         elif exponent and periodic:
             divergence = exponent(states, members)
             if divergence is not None and not divergence.chaotic:
                 continue
-        if not (exponent or members.size):
-            members = group.members
-        name, means = orbit_name(len(motions)), [moments[k] for k in members]
+        averaged = members if exponent or members.size else group.members
+        name, means = orbit_name(len(motions)), [moments[k] for k in averaged]
         motion = _attractor(
             prepared_scene, name, group, means, cost, count, periodic, cycle, divergence
         )
@@ -195,7 +200,9 @@ def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Fol
     notes = (*note_on_repeats(prepared_scene), on_orbits(prepared_scene.scene, orbits))
     if orbit == "weighted":
         return Followed(complete, moments, orbits, notes)
-    _, members, _ = motions[0]
+    reaching, members, _ = motions[0]
+    if not members.size:
+        members, notes = reaching, (*notes, TRANSIENTS)
     alone = _alone(prepared_scene, len(members))
     return Followed(alone, [moments[k] for k in members], orbits, notes)
 
@@ -262,10 +269,14 @@ def _on_cycle(prepared_scene, samples, cost):
     return estimates
 
 
-def _settled(samples, period):
-    """Whether starts are on their cycle from their first sample on."""
-    back = (samples.shape[1] - period) // period * period
-    moved = np.abs(samples[:, :period] - samples[:, back : back + period])
+def _settled(samples, period, length):
+    """Whether starts are on their cycle from their first sample on, of `length` samples.
+
+    The samples in the middle may be missing.
+    """
+    phases = np.arange(period)
+    latest = -1 - (length - 1 - phases) % period
+    moved = np.abs(samples[:, :period] - samples[:, latest])
     return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
 
 

@@ -62,8 +62,8 @@ def realizations(
     dict
         `moments`, a list with one entry per realization, without histograms unless `density`;
         `waveform` of the first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None;
-        `stroboscope`, the last samples of each realization if starts may reach several motions,
-        else None; `seconds` of one core.
+        `stroboscope`, the first and last samples of each realization if starts may reach several
+        motions, else None; `seconds` of one core.
     """
     clock = time.process_time()
     timing = prepared_scene.scene.run
@@ -89,9 +89,14 @@ def realizations(
     return {
         "moments": moments,
         "waveform": points,
-        "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
+        "stroboscope": _ends_of(np.array(samples)) if samples else None,
         "seconds": time.process_time() - clock,
     }
+
+
+def _ends_of(samples):
+    """The first and the last `SAMPLES` samples, or all if these are no more."""
+    return np.concatenate([samples[:, :SAMPLES], samples[:, SAMPLES:][:, -SAMPLES:]], axis=1)
 
 
 def averages(

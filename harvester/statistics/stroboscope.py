@@ -57,6 +57,7 @@ class Stroboscope:
         points[0] = start[: 1 + len(COLUMNS)]
         rates = np.concatenate([start[-3:, None], rates], axis=1)
         steps = 0.5 * np.diff(points[:, 0]) * (rates[:, 1:] + rates[:, :-1])
+        steps[:, :-1] += _corrections(points[:, 0], rates)
         points[1:, 4:] = points[0, 4:] + np.cumsum(steps, axis=1).T
         until = int(np.searchsorted(self.times, points[-1, 0], side="right"))
         times = self.times[self._next : until]
@@ -66,6 +67,21 @@ class Stroboscope:
             )
         self._next = until
         self._last = np.concatenate([points[-1], rates[:, -1]])
+
+
+def _corrections(time, rates):
+    """Corrections of the trapezoidal rule at inner points, where the length of steps changes.
+
+    Trapezoids of the length h miss h²/12 times the change of the integrand's slope (Euler and
+    Maclaurin). This sums to 0 over a cycle except where h changes, as at contacts: without it
+    powers of a device with stoppers were 0.15 % too large. There is no slope at a jump.
+    """
+    length = np.diff(time)
+    slope = np.diff(rates, axis=1) / length
+    before, after = slope[:, :-1], slope[:, 1:]
+    mean = (before * length[1:] + after * length[:-1]) / (length[1:] + length[:-1])
+    smooth = 2.0 * np.abs(after - before) <= np.abs(after + before)
+    return np.where(smooth, mean, 0.0) * (length[1:] ** 2 - length[:-1] ** 2) / 12.0
 
 
 def _motion(record):
