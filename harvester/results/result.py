@@ -408,7 +408,7 @@ class Result(ResultBase):
             # The larger relative error of a difference of powers is printed if it is relevant.
             if loss and size > LARGER_ERROR * abs(loss.estimate) > 0.0:
                 share = self.step_error * size / abs(loss.estimate)
-                sentences[-1] += f", the converter loss up to {100.0 * share:.1g} %"
+                sentences[-1] += f", the converter loss up to {float(f'{100.0 * share:.1g}'):g} %"
         if self.energy_balance_residual is not None:
             sentences.append(f"energy balance residual {self.energy_balance_residual:z.2%}")
         sentences.append(f"{self.wall_seconds:.2f} s")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -288,8 +289,10 @@ def profile(
 
 
 def _resonance(scene):
-    """Frequency and half-power width of a scene's device (Hz), transducer open; None if there is
-    none.
+    """Frequency and half-power width of a scene's device (Hz), with its resistor; or None.
+
+    The charge at the angular frequency ω adds ω²/(λ² + ω²) of the open transducer's stiffness, with
+    the decay rate λ of the charge, which is 0 for a netlist.
     """
     from harvester.device import timescales
     from harvester.scene.prepared import prepared
@@ -297,7 +300,13 @@ def _resonance(scene):
     if scene is None or scene.excitation.prescribes_displacement:
         return None
     system = prepared(scene).system
-    omega = timescales.angular_frequency(system)
+    well = max(timescales.wells(system), key=partial(timescales.well_frequency, system))
+    bare, decay = timescales.stiffness(system, well), system.transducer.decay_rate()
+    if bare <= 0.0 or not math.isfinite(decay):
+        omega = timescales.angular_frequency(system)
+    else:
+        half = 0.5 * (bare + system.transducer.stiffness(bare) - decay**2)
+        omega = math.sqrt(half + math.sqrt(half**2 + bare * decay**2))
     return omega / (2.0 * math.pi), timescales.loss_rate(system, omega) / (2.0 * math.pi)
 
 
@@ -482,12 +491,13 @@ class SpectrumAnalysis(ResultBase):
             ["runs test", f"{runs} runs of {len(self.moments)} stretches, p = {probability:.2g}"],
         ]
         device = self.device_band()
-        if device:
+        if device and self.scene:
             centre, width, share = device
             band = f"{centre:.4g} ± {0.5 * width:.2g} Hz: {share:.2%} of the power"
             if BINS_OF_WIDTH * self.band_resolution > width:
                 band += f", lines within {self.band_resolution:.3g} Hz of it included"
-            rows.append(["device's open-circuit resonance ± half bandwidth", band])
+            load = "with resistor" if self.scene.load.is_resistor else "open circuit"
+            rows.append([f"device's band, {load}", band])
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
     def _findings(self) -> list[str]:

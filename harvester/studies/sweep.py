@@ -367,7 +367,7 @@ def _panel(sweep, name, along, other):
         rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
     held = [axis for axis in keys if axis != key]
     words = [
-        f"{axis} = {value_words(axis, sweep.values[axis][k], sweep.scene.units)}"
+        f"{axis}\n= {value_words(axis, sweep.values[axis][k], sweep.scene.units)}"
         for axis, k in zip(held, other, strict=True)
     ]
     # All panels of a quantity have one unit.

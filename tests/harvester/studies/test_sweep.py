@@ -82,7 +82,7 @@ def test_a_quantity_is_a_row_of_panels_with_one_scale():
     found = Sweep(harvester.Scene.read("device"), values, ("monte-carlo",), tuple(estimates), cells)
     axes = found.figure().axes
     assert [panel.get_ylabel() for panel in axes] == ["rms voltage [V]", "", "mean power [mW]", ""]
-    titles = ["load.resistance = 300 kΩ", "load.resistance = 3 MΩ", "", ""]
+    titles = ["load.resistance\n= 300 kΩ", "load.resistance\n= 3 MΩ", "", ""]
     assert [panel.get_title(loc="left") or panel.get_title() for panel in axes] == titles
     assert axes[2].get_ylim() == axes[3].get_ylim() != axes[0].get_ylim()
 
