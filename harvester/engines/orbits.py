@@ -52,8 +52,9 @@ if TYPE_CHECKING:
 # Largest number of motions without a period whose exponent is computed: a motion that has not
 # settled may appear as one per start.
 MOST_EXPONENTS = 4
-# A start counts in its motion's means if its first and last cycle differ by at most this share.
-SETTLED = 1e-5
+# A start counts in its motion's means if its first and last cycle differ by at most this share; in
+# a study, if no start does, by at most the second.
+SETTLED, NEARLY_SETTLED = 1e-5, 1e-2
 # Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
 # with fewer, starts share a motion if their states coincide.
 SAMPLES, FEWEST_SAMPLES = 64, 6
@@ -133,8 +134,9 @@ def _motions(prepared_scene, moments, samples, cost, count, exponent=None):
             remains = transients(states[members], memory_of(prepared_scene))[2]
             if remains.min() <= NEARLY_CONVERGED:
                 cycle = _on_cycle(prepared_scene, last[members[[np.argmin(remains)]]], cost)
-                on_cycle = _settled(samples[members, :, :STATE], group.period, length)
-                members = members[on_cycle]
+                moved = _moved(samples[members, :, :STATE], group.period, length)
+                limit = SETTLED if (moved <= SETTLED).any() or exponent else NEARLY_SETTLED
+                members = members[moved <= limit]
             elif exponent:
                 continue
         elif exponent and periodic:
@@ -269,15 +271,15 @@ def _on_cycle(prepared_scene, samples, cost):
     return estimates
 
 
-def _settled(samples, period, length):
-    """Whether starts are on their cycle from their first sample on, of `length` samples.
+def _moved(samples, period, length):
+    """Distance of each start's first cycle from its last one, as a share of its largest state.
 
-    The samples in the middle may be missing.
+    `length`: number of samples of the run, of which the ones in the middle may be missing.
     """
     phases = np.arange(period)
     latest = -1 - (length - 1 - phases) % period
-    moved = np.abs(samples[:, :period] - samples[:, latest])
-    return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
+    largest = np.maximum(np.abs(samples).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    return (np.abs(samples[:, :period] - samples[:, latest]) / largest).max(axis=(1, 2))
 
 
 def _alone(prepared_scene, count):

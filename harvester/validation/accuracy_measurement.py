@@ -318,9 +318,9 @@ def measure(
         name: relative_error(exact.quantities()[name]) * math.sqrt(exact.measured_time)
         for name in (last, EFFICIENCY)
     }
-    none = Estimate(0.0, 0.0, None, "1")
+    none, settling = Estimate(0.0, 0.0, None, "1"), exact.simulated_time / exact.measured_time
     rows = [
-        _row(method, run, errors, references[method.brief], answer, scatter)
+        _row(method, run, errors, references[method.brief], answer, scatter, settling)
         for method, run, errors in zip(methods, runs, strong, strict=True)
     ]
     return dict(
@@ -338,8 +338,11 @@ def measure(
     )
 
 
-def _row(method, run, path_errors, reference, answer, scatter):
-    """A method's row; `answer` is the reference's longest run, with the most precise means."""
+def _row(method, run, path_errors, reference, answer, scatter, settling):
+    """A method's row; `answer` is the reference's longest run, with the most precise means.
+
+    `settling`: simulated over measured time of the scene's own run.
+    """
     mean_step, strong = path_errors
     if not isinstance(run, Timed):
         return MethodRow(method, None, run, mean_step, strong)
@@ -348,8 +351,10 @@ def _row(method, run, path_errors, reference, answer, scatter):
     shorter = math.sqrt(answer.simulated_time / run.simulated_time)
     bias = {name: differences[name] for name in MEANS if name in differences}
     sampling = {name: relative_error(answer.quantities[name]) * shorter for name in MEANS}
+    # A brief run settles for a larger share of its time than the scene's own run.
+    cost = run.cost * run.measured_time / run.simulated_time * settling
     errors = {
-        name: TotalError(bias_of(name, run, reference), spread, run.cost)
+        name: TotalError(bias_of(name, run, reference), spread, cost)
         for name, spread in scatter.items()
     }
     return MethodRow(method, run, "", mean_step, strong, bias, sampling, errors)

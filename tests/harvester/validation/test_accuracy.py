@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,6 +105,10 @@ def test_the_cost_of_a_method_is_that_of_its_own_tasks(diagram):
     # Two realizations of 55 s in each task, 50 s of them measured.
     assert row.seconds_per_unit == pytest.approx(5.0 / 220.0, rel=1e-3)
     assert run.cost == pytest.approx(2.0 / 100.0, rel=1e-3)
+    # The scene's own run settles for half of its time, and its error is that of this run.
+    own = SimpleNamespace(simulated_time=200.0, quantities=run.quantities())
+    found = measurement._row(FEW[0], run, (0.1, {}), run, own, {SQUARE: 1.0}, 2.0)
+    assert found.errors[SQUARE].cost == pytest.approx(2.0 / 110.0 * 2.0, rel=1e-3)
 
 
 def test_table_sentences_and_json_tell_the_same(diagram):
