@@ -56,10 +56,10 @@ SETTLED_SHARE = 1e-4
 # Longest waiting time for a load's store at a frequency, in periods of the lowest frequency. A
 # slower store may still be charging.
 MOST_PERIODS = 20_000
-# Maximum number of knots of the sine at one frequency. No run with more would end.
+# Maximum number of knots of the sine at one frequency. A run with more would take years.
 MOST_KNOTS = 1e10
-# Number of measured periods of the lowest frequency. The change from their first half to their
-# second half is the residual.
+# Number of measured periods of the lowest frequency. The residual is the change from the first half
+# of these periods to the second.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
 # Index of the residual among the quantities of a direction.
@@ -102,8 +102,8 @@ class FrequencySweep:
     residual
         Relative change of the mean-square voltage from the first half of the measured periods to
         the second: a remaining transient, or aperiodic motion. For a store slower than
-        `MOST_PERIODS`, the estimated missing share; above `NOTED_RESIDUAL` the store is still
-        charging, and the other quantities are NaN.
+        `MOST_PERIODS`, the estimated change still to come; above `NOTED_RESIDUAL` the store is
+        still charging, and the other quantities are NaN.
     step_error
         Relative error of the power due to the step; NaN if the engine chooses the steps.
     """
@@ -230,7 +230,7 @@ class FrequencyResponse(ResultBase):
         ]
         lines.append(
             "residual: share by which the mean-square voltage changes from the first half of the "
-            "measured periods to the second; the power is not more accurate"
+            "measured periods to the second; the power's error is at least as large"
         )
         costs = np.concatenate([sweep.step_error for sweep in self.sweeps])
         if np.isfinite(costs).any():

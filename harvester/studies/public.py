@@ -517,7 +517,7 @@ def sensitivity(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; each device has its [run], with half of the realizations for each of two
+        The scene; its [run] applies to every device, with half of the realizations for each of two
         replicates.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:

@@ -35,7 +35,7 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Most panels in a row that has one for each point of the other keys, and their size (inches).
+# Maximum number of panels in a row, one per point of the other keys, and their size (inches).
 MOST_COLUMNS, SMALL = 6, (2.3, 2.2)
 # Horizontal distance in points between the markers of two engines at the same point.
 APART = 6.0
@@ -190,7 +190,7 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """Point of the highest first quantity, by engines, or by closures if no engine ran."""
+        """Point with the largest first quantity, by engines, or by closures if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:

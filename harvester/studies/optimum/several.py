@@ -39,7 +39,7 @@ MOST_PARAMETERS = 8
 # Number of points that are run again on independent noise.
 CONFIRMED = 5
 # Trust radius of a method without noise, as a share of the ranges, initially and finally: within
-# the latter a maximum is flat to 1e-9.
+# the final radius a maximum is flat to 1e-9.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
 # Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
@@ -66,7 +66,7 @@ def over_several(
             f"{MOST_EVALUATIONS}"
         )
     if len(axes) > MOST_PARAMETERS:
-        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters")
+        raise HarvesterError(f"--over: give at most {MOST_PARAMETERS} parameters")
     expected = 1 + count + CONFIRMED + CLIMB_EACH * len(axes)
 
     def begin(done, after):

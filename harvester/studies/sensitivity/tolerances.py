@@ -224,7 +224,7 @@ def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) 
 def devices(
     scene: Scene, tolerances: Sequence[Tolerance | Direction], shares: np.ndarray, replicates: int
 ) -> list[list[Scene]]:
-    """Scenes of each row: for every device all replicates in succession.
+    """Scenes of each row: all replicates of its first device, then of its second, and so on.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def devices(
         except SceneError as error:
             raise HarvesterError(
                 f"--vary: a device within the tolerances is not valid: {error}; choose narrower "
-                "ones"
+                "tolerances"
             ) from None
         rows.append(
             [
