@@ -40,8 +40,8 @@ SHARE_OF_DIRECTION = 0.1
 SEPARABLE = 0.01
 # A fitted value depends on an assumed one if a relative change of 1 changes it by more than this.
 DEPENDENT = 0.05
-# If a combination of values is undetermined, the first of these in it keeps the scene's value, else
-# the value with the largest component.
+# If a combination of values is undetermined, its first member in this list keeps the scene's value;
+# if it has none of them, the value with the largest component does.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 

@@ -263,8 +263,8 @@ def _taken_absolute(where, settings):
         return False
     if f":{word}" != ABSOLUTE:
         raise SceneError(
-            f"{where}: velocity = {shown(text)}: after the unit comes absolute (to the ground) or "
-            "nothing (relative to the base)"
+            f"{where}: velocity = {shown(text)}: after the unit write absolute (relative to the "
+            "ground) or nothing (relative to the base)"
         )
     settings["velocity"] = before
     return True

@@ -32,9 +32,9 @@ BLOCKS = 12
 # A record's noise is estimated in this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# Minimum and maximum noise of the base's sensor, relative to the base's rms. Without noise a record
-# still needs a direction in which noise would act; a higher floor is motion up to half the sampling
-# rate.
+# Minimum and maximum noise of the base's sensor, relative to the base's rms. A record without noise
+# still needs a small value, which shows how noise would act. A floor above the maximum is motion at
+# frequencies up to half the sampling rate.
 LEAST_BASE_NOISE, MOST_BASE_NOISE = 1e-6, 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
