@@ -40,8 +40,8 @@ FREQUENCY_ERRORS = {
     "circuit": (1.0 / 12.0, 2),
 }
 # Relative error of a load's power, in units of the frequency error. It was at most 4 for bridges
-# and doublers. SSHI cost 0.16 % in Monte Carlo, five times as much. In the circuit it cost up to
-# 0.8 % at 80 steps per period, and a twentieth of that at four times shorter steps.
+# and doublers. With SSHI the error was 0.16 % in Monte Carlo, five times as large. In the circuit
+# it was up to 0.8 % at 80 steps per period, and a twentieth of this at four times shorter steps.
 LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
 # Relative error of a power with contacts, times the square of the steps per contact. For one
 # stopper under noise the error was 0.04 to 0.07 % at 26 steps, and a sixteenth of that at 104.
@@ -52,8 +52,8 @@ CONTACT_ERROR = 0.7
 FAINT_SHARE = 0.2
 # Near lines, steps are shortened by at most this factor.
 FINER_NEAR_LINES = 3.0
-# Share of a power that default steps may cost by frequency shift under noise and records. A band at
-# five to ten times the resonance cost the circuit 5 % at the steps of the resonance.
+# Largest relative error of a power by the frequency shift of default steps under noise and records.
+# With steps for the resonance, a band at five to ten times its frequency gave 5 % in the circuit.
 NOISE_ERROR = 0.005
 # Below this share the error at the resonance itself is used.
 NOTED_ERROR = 0.0005
