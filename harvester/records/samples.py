@@ -72,7 +72,7 @@ def marker_remark(values: np.ndarray) -> str:
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     return (
         f"{count} of {values.size} {'sample is' if count == 1 else 'samples are'} {written}, far "
-        f"outside the rest ({ordinary.min():.3g} to {ordinary.max():.3g})"
+        f"outside all others ({ordinary.min():.3g} to {ordinary.max():.3g})"
     )
 
 
