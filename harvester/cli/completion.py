@@ -20,8 +20,8 @@ Shell = Literal["bash", "zsh", "fish"]
 def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
     """Print the completion script of a shell.
 
-    For this session, eval it. Permanently, write it where the shell looks, such as
-    ~/.local/share/bash-completion/completions/harvester.
+    For one session, evaluate the script with eval. To install it, write it into the shell's folder,
+    such as ~/.local/share/bash-completion/completions/harvester.
 
     Parameters
     ----------
