@@ -356,7 +356,7 @@ def _row(method, run, path_errors, reference, answer, scatter):
 
 
 def _brief_scene(model, realizations):
-    """The scene of brief runs: half of each, or at most `run.settle`, is settling."""
+    """The scene of brief runs: half of each run, but at most `run.settle`, is settling."""
     scene = model.scene
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
     changes = {

@@ -117,7 +117,7 @@ def _stoppers(scene, values):
     if not scene.stoppers:
         if values.keys() == {"impact_velocity"}:
             raise SceneError(
-                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+                f"{scene.name}: the case varies impact_velocity, but the scene has no stoppers"
             )
         values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
     length, mass = _units(scene)
