@@ -68,7 +68,7 @@ class MeasuredResponse:
                     f"line, as frequency has {shape}"
                 )
             if not np.isfinite(values).all():
-                raise SceneError(f"{self.name}: {quantity}: lines without a number: remove them")
+                raise SceneError(f"{self.name}: {quantity}: remove the lines without a number")
         descends = arrays["frequency"][0] > arrays["frequency"][-1]
         for quantity, values in arrays.items():
             object.__setattr__(self, quantity, values[::-1] if descends else values)

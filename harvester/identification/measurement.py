@@ -89,7 +89,8 @@ class Measurement:
                 where = f"{self.name}: {quantity}"
                 if checked.ndim != 1 or checked.shape != self.acceleration.shape:
                     raise SceneError(
-                        f"{where} has the shape {checked.shape}, not {self.acceleration.shape}"
+                        f"{where} has the shape {checked.shape}: must be that of the acceleration, "
+                        f"{self.acceleration.shape}"
                     )
                 repaired(checked, None, where)
                 check_size(checked, where)

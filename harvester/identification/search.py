@@ -129,7 +129,7 @@ def followed(
         most = 2 * most
         follow(_longest(fit))
         short = split_windows(shooting, fit)
-        # Linearized with respect to the windows' starts alone.
+        # The linearization is with respect to the windows' starts alone.
         shooting.frozen().linearized(short)
         longer = lengthened(fit, short, most)
         if longer is None:

@@ -116,7 +116,7 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
                 f"{nearest(key, names)}; there are {', '.join(names)}"
             )
         if key in keys[:index]:
-            raise HarvesterError(f"--free {named(key)}: occurs twice")
+            raise HarvesterError(f"--free {named(key)}: occurs twice: remove one")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
             f"--free {BASE_FACTOR} {BASE_SCALE}: records determine only their ratio; give one "

@@ -164,7 +164,9 @@ def check_length(values: np.ndarray, where: str) -> None:
 def check_variation(values: np.ndarray, where: str) -> None:
     """Raise SceneError if all samples, shape (n,), are equal."""
     if np.ptp(values) == 0.0:
-        raise SceneError(f"{where}: the record is constant: every sample is {values[0]:g}")
+        raise SceneError(
+            f"{where}: the record is constant: every sample is {values[0]:g}: check the column"
+        )
 
 
 def clipped_samples(values: np.ndarray) -> np.ndarray:

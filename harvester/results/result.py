@@ -150,7 +150,7 @@ class Result(ResultBase):
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
             if name in (*self.densities, "density", "densities"):
-                missing = f'no quantity {name}; densities: to_dataframe("densities"), .densities'
+                missing = f'no quantity {name}; to_dataframe("densities") has the densities'
             if missing:
                 raise UnknownQuantity(missing)
             return super().__getitem__(name)

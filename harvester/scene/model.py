@@ -135,7 +135,7 @@ class Scene(Table):
             )
         if scene.run.orbit in ("best", "weighted") and scene.run.starts is None:
             raise SceneError(
-                f'{origin}: run.orbit = "{scene.run.orbit}" needs drawn starts: set '
+                f'{origin}: run.orbit = "{scene.run.orbit}" needs random starts: set '
                 "run.starts = 16 or more"
             )
         if scene.run.starts and scene.start and scene.run.orbit != "rest":

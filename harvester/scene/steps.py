@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
 # Minimum number of steps in one contact, at the default step and longer ones.
 STEPS_PER_CONTACT = 30
-# The same for Runge–Kutta. Its steps between two knots are equal, and 26 equal steps are as
+# The same minimum for Runge–Kutta, whose steps between two knots are equal: 26 equal steps are as
 # accurate as 30 unequal ones.
 EVEN_STEPS_PER_CONTACT = 26
 # Named steps, as divisors of the default step.
@@ -55,7 +55,7 @@ FINER_NEAR_LINES = 3.0
 # Largest relative error of a power by the frequency shift of default steps under noise and records.
 # With steps for the resonance, a band at five to ten times its frequency gave 5 % in the circuit.
 NOISE_ERROR = 0.005
-# Below this share the error at the resonance itself is used.
+# An error under noise below this share is ignored; only the error at the resonance is then used.
 NOTED_ERROR = 0.0005
 # A run stops with an error if it needs more than 6 s of processor time for less than a thousandth
 # of its longest step, since it would not end.
@@ -65,8 +65,8 @@ STALLED = f"it stalls: {PATIENCE:g} s of work went into less than a thousandth o
 # in, and the growing voltage would need ever shorter steps.
 LARGEST_VOLTAGE = 1e9
 RUNAWAY = (
-    f"the load's voltage grows beyond {LARGEST_VOLTAGE:g} V, since the load feeds energy in; take "
-    "sources, negative parts and gains that feed back out of its netlist"
+    f"the load's voltage grows beyond {LARGEST_VOLTAGE:g} V, since the load feeds energy in; "
+    "remove sources, negative parts and gains with feedback from its netlist"
 )
 # Shortest step in units of the knot spacing; a run with shorter steps would not end.
 SHORTEST_STEP = 1e-9

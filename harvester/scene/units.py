@@ -80,7 +80,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
         raise SceneError(
             f"{scene.name}: oscillator.restoring_force_range = "
             f"{list(scene.oscillator.restoring_force_range or ())}: the mass has no stable rest "
-            "position in this range"
+            "position in this range: extend the range"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
     # The excitation's noise if it is white or coloured, else the equivalent noise on the mass.

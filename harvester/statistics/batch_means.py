@@ -320,11 +320,11 @@ def ratio_estimate(
     upper: np.ndarray,
     lower: np.ndarray,
     dimension: str,
-    nothing: str = "there was none",
+    nothing: str = "the denominator is 0",
     squares: np.ndarray | None = None,
     error_of: Callable = standard_error,
 ) -> Estimate:
-    """`ratio_of_sums` as a quantity of this dimension.
+    """Return `ratio_of_sums` as an `Estimate` of this dimension.
 
     Parameters
     ----------

@@ -117,7 +117,8 @@ def _event_energy(name, series, batches, moments, row, error_of):
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
         return
     times, energy = state[:, :, FALLS], series[:, :, INTEGRAL]
-    yield f"{name}_energy", ratio_estimate(energy, times, "energy", error_of=error_of)
+    energy_per_event = ratio_estimate(energy, times, "energy", "no event", error_of=error_of)
+    yield f"{name}_energy", energy_per_event
 
 
 _QUANTITIES = {

@@ -447,7 +447,7 @@ def quantities_of(scene: Scene) -> list[str]:
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
     """Quantities to show, by default the usual ones and those of the output.
 
-    Raises HarvesterError for an unknown quantity, or per g in a scaled scene.
+    Raises HarvesterError for an unknown quantity, or if `per_g` is requested in a scaled scene.
     """
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: is not available with units = "scaled"')

@@ -110,7 +110,7 @@ def make_grid(
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
-            raise HarvesterError(f"--load {label}: occurs twice")
+            raise HarvesterError(f"--load {label}: occurs twice: remove one")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, any_key, loaded)

@@ -305,7 +305,9 @@ def spectrum(
         for option, value in {"device": device, "column": column, "unit": unit}.items():
             if value is not None:
                 of_scene = getattr(source, "name", source)
-                raise HarvesterError(f"{option}: is for a record, but {of_scene} is a scene")
+                raise HarvesterError(
+                    f"{option}: is for a record, but {of_scene} is a scene: omit {option}"
+                )
         return work.of_scene(scene_of(source), duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is analysed completely")
@@ -571,7 +573,9 @@ def sensitivity(
         axes = directions(scene, covariance)
         for key in varied:
             if axes and key in axes[0].centre:
-                raise HarvesterError(f"--vary {key}: the covariance already contains its scatter")
+                raise HarvesterError(
+                    f"--vary {key}: the covariance already contains its scatter: omit --vary {key}"
+                )
         tolerances += axes
     if not tolerances:
         raise HarvesterError(

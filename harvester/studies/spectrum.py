@@ -114,7 +114,7 @@ def _analysed(
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
     if not density.max() > 0.0:
-        raise HarvesterError(f"{name}: the density is 0: there is no excitation")
+        raise HarvesterError(f"{name}: the density is 0: check the level of the excitation")
     if not profiled:
         # Long segments are used: a device averages over its resonance, so that resolution matters
         # more than the scatter of each value.

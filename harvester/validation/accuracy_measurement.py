@@ -285,7 +285,7 @@ def measure(
     # With a load other than a resistor there is only one variant of the circuit.
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
     if methods is None and not with_load:
-        # It runs alone, since other tasks would distort the measured times.
+        # This measurement runs alone, since other tasks would distort the measured times.
         speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS

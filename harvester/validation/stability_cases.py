@@ -180,7 +180,7 @@ def _scene_value(scene, name, value):
 def _monostable(oscillator):
     """The spring with only its odd powers, all with positive coefficients."""
     if oscillator.force_table is not None:
-        raise SceneError("the case monostable needs a polynomial spring, not a force_table")
+        raise SceneError("the case monostable needs a polynomial spring: replace force_table")
     if oscillator.restoring_force is None:
         return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
     powers = enumerate(oscillator.restoring_force)

@@ -132,7 +132,10 @@ def _search(objective, count):
             proposals.tell([finite(value) for value in values])
         searched += zip(points, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
-        raise OptimumError(f"all runs failed, at each of {len(searched)} points")
+        raise OptimumError(
+            f"all runs failed, at each of {len(searched)} points: check the scene by "
+            "harvester simulate"
+        )
     return searched
 
 
@@ -148,7 +151,10 @@ def _chosen(objective, searched):
     points = list(dict.fromkeys(highest))[:CONFIRMED]
     values = [objective.value(answer) for answer in objective.answers(points, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
-        raise OptimumError("the second runs failed at all of the highest points")
+        raise OptimumError(
+            "the repeated runs failed at all of the highest points: check the scene by "
+            "harvester simulate"
+        )
     return points[int(np.nanargmax(values))]
 
 

@@ -298,7 +298,7 @@ def _remains(driven, samples):
 
 
 def _unsettled(driven):
-    """Reason why starts have not converged, e.g. a store that is slower than the time followed."""
+    """Reason why starts have not converged, e.g. a store that is slower than the simulated time."""
     load, period = driven.scene.load.circuit, float(driven.scene.excitation.period)
     stores = load and load.stores
     periods = transient_time(driven, SETTLED_SHARE) / period
