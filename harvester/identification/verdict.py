@@ -232,9 +232,9 @@ OPENINGS = {
     "fits": "the model fits {left}",
     "predicts": "the model predicts {left}",
 }
-# A fitted value depends on an assumed value if the error of the assumed value that the records
-# allow changes the fitted value by more than this share of its standard error. Otherwise an error
-# below `CERTAIN` changes the fitted value by at most two standard errors.
+# A fitted value depends on an assumed value if the assumed value's error that the records allow
+# changes the fitted value by more than this share of the fitted value's standard error. Otherwise
+# an error below `CERTAIN` changes the fitted value by at most two standard errors.
 DEPENDS = 0.5
 # Records determine an assumed value if its relative standard error, were it free, is below this. In
 # a correct model a gain that was uncertain by 88 % seemed wrong by five standard errors: such a

@@ -56,7 +56,7 @@ SETTLED_SHARE = 1e-4
 # Longest waiting time for a load's store at a frequency, in periods of the lowest frequency. A
 # slower store may still be charging.
 MOST_PERIODS = 20_000
-# Maximum number of knots of the sine at one frequency. A run with more would take years.
+# Maximum number of knots of the sine at one frequency. A run with more would take too long.
 MOST_KNOTS = 1e10
 # Number of measured periods of the lowest frequency. The residual is the change from the first half
 # of these periods to the second.

@@ -129,7 +129,7 @@ def _by_formula(values, scene):
 
 
 def _lost(values, scene):
-    """Relative loss of power by interpolation of the noise between knots, and by the damping."""
+    """Relative loss by interpolation between knots: of noise density, and by damping in between."""
     if values.get("noise") == "coloured":
         # Linear interpolation lowers the variance of the noise by 1/120.
         return 1.0 / 120.0
