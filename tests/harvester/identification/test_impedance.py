@@ -280,7 +280,7 @@ POLAR = "frequency [Hz],impedance [ohm],phase [deg]"
          "phase has no unit .*as radians would be"),
         (POLAR, (FREQUENCY, MAGNITUDE, PHASE), r"in radians, give the unit \(phase=COLUMN:rad"),
         (POLAR.replace("deg", "rad"), (FREQUENCY, MAGNITUDE, np.degrees(PHASE)),
-         r"if it is in degrees, give the unit \(phase=COLUMN:deg"),
+         r"if the column is in degrees, write phase=COLUMN:deg"),
         (POLAR, (FREQUENCY - 40.0, MAGNITUDE, np.degrees(PHASE)), "frequency: -5: must be > 0"),
         (POLAR, (np.abs(FREQUENCY - 45.0) + 1.0, MAGNITUDE, np.degrees(PHASE)),
          "must be monotonic"),
