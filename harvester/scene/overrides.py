@@ -177,11 +177,7 @@ def _several(tables, name, index, where):
     if isinstance(entry, dict) and name in SEVERAL and index == 0:
         return [entry]
     if not isinstance(entry, (list, tuple)):
-        present = (
-            f"no {named(name)} in the scene{nearest(name, tables)}"
-            if entry is None
-            else "one table"
-        )
+        present = f"no {named(name)} here{nearest(name, tables)}" if entry is None else "one table"
         hint = "" if entry is None else f"; write {named(name)}.key"
         raise SceneError(f"{where}: there is {present}{hint}")
     if index >= len(entry):

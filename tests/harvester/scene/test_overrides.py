@@ -54,7 +54,7 @@ def test_a_number_may_begin_or_end_with_its_point_in_a_list_and_in_a_table():
         ("duffing", [TWO, "stoppers.gap=1"], "several tables, stoppers.0. and stoppers.1."),
         ("duffing", [TWO, "stoppers[1].gpa=1"], r"stoppers\[1\].gpa \(did you mean gap\?\)"),
         ("duffing", [TWO, "stopers[1].gap=1"], "did you mean stoppers"),
-        ("duffing", ["stoppers[0].gap=1"], "no stoppers in the scene"),
+        ("duffing", ["stoppers[0].gap=1"], "no stoppers here"),
         ("paper", ["stoppers[1].gap=1"], "one table"),
         ("paper", ["oscillator[0].damping=1"], "write oscillator.key"),
         ("device", [SUM, "excitation.parts[7].intensity=1"], "there are 2 of parts"),
