@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind
 
-# As a file, zsh's script is a function to be called; evaluated, it must be registered.
+# In a file, zsh's script is a function to be called; if evaluated, the script must be registered.
 ZSH_EVALUATED = """\
 if [[ $zsh_eval_context[-1] == eval ]]; then
   compdef _cyclopts_harvester harvester

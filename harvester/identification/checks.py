@@ -143,12 +143,13 @@ def _check_record(record):
     if periods < FEWEST_PERIODS:
         raise IdentificationError(
             f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, "
-            f"must be at least {FEWEST_PERIODS:g}"
+            f"must be at least {FEWEST_PERIODS:g}: measure longer"
         )
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         raise IdentificationError(
             f"{record.name}: sampled too coarsely: {per_period:.2g} samples per period of the "
-            f"motion at {median:.3g} Hz, must be at least {FEWEST_SAMPLES_PER_PERIOD:g}"
+            f"motion at {median:.3g} Hz, must be at least {FEWEST_SAMPLES_PER_PERIOD:g}: use a "
+            "higher sampling rate"
         )
     first = next(iter(record.outputs.values()))
     quarters = np.array_split(first - np.mean(first), 4)

@@ -68,8 +68,8 @@ FIRST_SHARES, SAME = (0.0, 0.1, -0.1, 0.2, -0.2), 0.02
 BAND = (0.01, 0.99)
 # A position may be outside the covered displacements by this share of their range.
 MARGIN = 0.02
-# A prediction is claimed if its run exceeds the covered displacements, and the load the covered
-# loads, by at most this share, and the frequencies are within this factor.
+# A prediction is claimed if its run exceeds the covered displacements, and its load the covered
+# loads, by at most the first share, and its frequencies are within the second factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
 SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
@@ -137,7 +137,7 @@ class Visited:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Displacements of a motion for which a prediction is claimed."""
+        """Range of displacements in which a prediction is claimed."""
         low, high = np.min(self.displacement), np.max(self.displacement)
         return float(low - BEYOND * (high - low)), float(high + BEYOND * (high - low))
 

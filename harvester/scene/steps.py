@@ -174,7 +174,7 @@ def step_error(
 ) -> float:
     """Relative error of a mean power due to the step, from the methods' stability functions.
 
-    It adds the resonance's remaining shift, on the flank where the power changes most, to a
+    The error adds the resonance's remaining shift, on the flank where the power changes most, to a
     multiple of the frequency error for a load and its switches. Contacts add their share.
 
     `prepared_scene`, `step`, `engine`: see `steps_per_sample`.

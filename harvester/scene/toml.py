@@ -46,7 +46,7 @@ def read_toml(text: str, origin: str) -> dict[str, Any]:
         ) from None
     # Python limits the length of integers.
     except ValueError:
-        raise SceneError(f"{origin}: a number has too many digits") from None
+        raise SceneError(f"{origin}: a number has too many digits: write fewer") from None
 
 
 def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:

@@ -108,7 +108,7 @@ class OutputMoments:
         levels: Sequence[np.ndarray | None] = (),
         energy: np.ndarray | None = None,
     ) -> None:
-        """Accumulate consecutive points, in order.
+        """Accumulate consecutive points.
 
         Parameters
         ----------

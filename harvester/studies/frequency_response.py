@@ -359,7 +359,7 @@ def one_direction(
     Returns
     -------
     list of tuple, str, float
-        The scaled quantities of `FrequencySweep` in order, at each frequency; the engine's version;
+        The scaled quantities of `FrequencySweep`, at each frequency; the engine's version;
         processor time (s).
     """
     chosen = engine_of(engine, step=step, **settings or {})
@@ -450,7 +450,7 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     Raises HarvesterError for an unknown quantity, or if `per_g` is requested in a scaled scene.
     """
     if per_g and scene.units != "SI":
-        raise HarvesterError(f'{scene.name}: --per-g: is not available with units = "scaled"')
+        raise HarvesterError(f'{scene.name}: --per-g: needs units = "SI", not "scaled": omit it')
     chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]', str)
     available = quantities_of(scene)
     usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))

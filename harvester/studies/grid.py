@@ -55,7 +55,7 @@ class Grid:
     sweeps
         The swept values by key.
     points
-        The points in order: the load varies slowest, the last sweep fastest.
+        The points, of which the load varies slowest and the last sweep fastest.
     """
 
     scene: Scene

@@ -270,7 +270,7 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
 
 
 def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
-    """The cells of a sweep from the answers, for every point and method in order.
+    """The cells of a sweep from the answers for every point and method (varying fastest).
 
     They contain the answers' quantities, and the requested roots of mean squares.
     """
