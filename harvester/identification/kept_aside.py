@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 # Number of sets of values in addition to the fitted one, and maximum number of draws to find them.
 DRAWS, MOST_DRAWN = 8, 80
-# First share of a record that is excluded, as the initial transient.
+# Share of a record, from its beginning, that is excluded as the initial transient.
 FORGOTTEN = 1.0 / 3.0
 # An orbit is between the wells if more than this share of the windows crosses a barrier; one window
 # in ten may start in the wrong well.

@@ -696,8 +696,8 @@ def optimum(
     maximise = maximise or _power_of(scene)
     limited = scene.beam is not None and scene.beam.strain_limit is not None
     chosen = checked_method(scene, method)
-    # A maximum on a limit has no peak to which a curve can be fitted, and a closure has no noise:
-    # both use the search for several parameters.
+    # A maximum at the strain limit has no peak to which a curve can be fitted, and a closure has no
+    # noise: both use the search for several parameters.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
     if evaluations is not None and is_one:
         raise HarvesterError("--evaluations: is for several parameters, a second --over")
