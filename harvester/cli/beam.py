@@ -20,7 +20,7 @@ def beam(scene: Scene) -> BeamValues:
     Parameters
     ----------
     scene : Scene
-        One with the table [beam].
+        A scene with the table [beam].
 
     Examples
     --------
@@ -30,8 +30,8 @@ def beam(scene: Scene) -> BeamValues:
     """
     if scene.beam is None:
         raise SceneError(
-            f"{scene.name}: there is no table [beam] in it; docs/how-to/drawing.md shows one, "
-            "and so does harvester beam bimorph"
+            f"{scene.name}: no table [beam]; add one as in docs/how-to/drawing.md, or try "
+            "harvester beam bimorph"
         )
     from harvester.results.beam_values import BeamValues
 

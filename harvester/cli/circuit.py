@@ -88,8 +88,8 @@ def export(
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
-        Duration of the deck that tests a block, and its vibration, in s (default: 25 periods); of a
-        trace (default: the scene's).
+        For a block: duration of its test deck and vibration, in s (default: 25 periods); for a
+        trace: its duration (default: the scene's).
     rate : float or None
         Samples a second of csv (default: 10000); Shepherd's is 100000.
     data : str or None

@@ -46,7 +46,7 @@ harvester simulates vibration energy harvesters. First commands to try:
   harvester schematic device    the circuit that a scene builds, drawn
   harvester identify device     a scene from measured records
 
-What proves the program: verify, stability, accuracy, reproduce.
+Checks of the program: verify, stability, accuracy, reproduce.
 `harvester --help` lists all commands; each has an example in its own --help."""
 
 

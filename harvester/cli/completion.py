@@ -7,7 +7,7 @@ from typing import Annotated, Literal, get_args
 from harvester.base.arguments import check_name
 from harvester.base.signatures import Kind
 
-# As a file, zsh's script is a function to be called; evaluated, it must be registered.
+# In a file, zsh's script is a function to be called; if evaluated, the script must be registered.
 ZSH_EVALUATED = """\
 if [[ $zsh_eval_context[-1] == eval ]]; then
   compdef _cyclopts_harvester harvester
@@ -20,8 +20,8 @@ Shell = Literal["bash", "zsh", "fish"]
 def completion(shell: Annotated[Shell, Kind("SHELL")], /) -> None:
     """Print the completion script of a shell.
 
-    For this session, eval it. Permanently, write it where the shell looks, such as
-    ~/.local/share/bash-completion/completions/harvester.
+    For one session, evaluate the script with eval. To install it, write it into the shell's folder,
+    such as ~/.local/share/bash-completion/completions/harvester.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from harvester.results.view import Table, View
 # Seconds after which a progress bar appears, so that it does not flicker in short runs.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
-STARTING = "starting; compiles for a minute or so if no earlier run has"
+STARTING = "starting; the first run compiles for about a minute"
 # Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 

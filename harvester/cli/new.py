@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 DEFAULT = "cantilever"
 HINT = """\
 Unknown keys and invalid values are reported in one line. docs/reference/scene-keys.md
-lists every key with its unit. Quickest test: `harvester average` and this file."""
+lists every key with its unit. Quickest test: `harvester average FILE` with this file."""
 HEAD = "A scene of your own, copied from the built-in scene `{}`, whose comments follow."
-OWN_HEAD = "A scene of your own: your answers, and elsewhere the values of the built-in scene `{}`."
+OWN_HEAD = "A scene of your own: your answers; all other values are from the built-in scene `{}`."
 # Factors of other units that the user may type after a value, by the key's unit.
 UNITS = {
     "m": {"mm": 1e-3}, "kg": {"g": 1e-3}, "Ω": {"Ohm": 1.0}, "V s/m": {"N/A": 1.0},

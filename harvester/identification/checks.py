@@ -23,8 +23,8 @@ FEWEST_PERIODS = 12.0
 FEWEST_SAMPLES_PER_PERIOD = 5.0
 # The base acceleration must have power between these multiples of the motion's median frequency.
 BAND = (0.5, 2.0)
-# Minimum share of the acceleration's power in that band; round-off of the recorded numbers may be
-# below it.
+# Minimum share of the acceleration's power in that band; a smaller share may be round-off of the
+# recorded numbers.
 SMALLEST_BAND_SHARE = 1e-4
 # A record is a ring-down if the mean square of its last quarter is below this multiple of the first
 # quarter's.
@@ -81,7 +81,7 @@ def check_records(
         if record.sensed and not shared & set(record.sensed):
             raise IdentificationError(
                 f"{record.name}: measures {', '.join(record.sensed)}, but the first record "
-                f"{', '.join(sorted(shared))}: records need a quantity in common"
+                f"measures {', '.join(sorted(shared))}: records need a quantity in common"
             )
         if isinstance(record, MeasuredResponse):
             record.check()
@@ -143,12 +143,13 @@ def _check_record(record):
     if periods < FEWEST_PERIODS:
         raise IdentificationError(
             f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, "
-            f"must be at least {FEWEST_PERIODS:g}"
+            f"must be at least {FEWEST_PERIODS:g}: measure longer"
         )
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         raise IdentificationError(
             f"{record.name}: sampled too coarsely: {per_period:.2g} samples per period of the "
-            f"motion at {median:.3g} Hz, must be at least {FEWEST_SAMPLES_PER_PERIOD:g}"
+            f"motion at {median:.3g} Hz, must be at least {FEWEST_SAMPLES_PER_PERIOD:g}: use a "
+            "higher sampling rate"
         )
     first = next(iter(record.outputs.values()))
     quarters = np.array_split(first - np.mean(first), 4)

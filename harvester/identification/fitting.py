@@ -170,7 +170,7 @@ class Fitted:
         scene, free, responses = self.scene, self.keys, self.shooting.responses
         experiments = responses.experiments
         if DRAG in keys:
-            # A drag of 0 is not a number of the scene.
+            # The scene omits a drag of 0, so it gets a small value.
             scene = scene.replace({DRAG: LITTLE * self.sizes[DRAG]})
         if powers := [power_of(key) for key in keys if power_of(key)]:
             force = [k or 0.0 for k in scene.oscillator.coefficients]
@@ -309,11 +309,11 @@ def fitted(
         if not fits:
             raise IdentificationError(
                 f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
-                "columns' units and signs, the load's resistance, that all are of the same device, "
-                "and start from closer values (--set)"
+                "columns' units and signs, the load's resistance, that all records are of the same "
+                "device, and start from closer values (--set)"
             )
         responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
-        # Fits are compared with the same noise level: the residuals of the best one.
+        # Fits are compared with the same noise level, from the residuals of the best fit.
         noise = shooting.reweighted(fit).noise
         starts = [
             (path, replace(other, noise=noise))

@@ -38,10 +38,11 @@ SHARE_OF_DIRECTION = 0.1
 # The data reveal an error of an assumed value if its relative standard error in a joint fit is
 # below this: an error of 3 % is then three standard errors.
 SEPARABLE = 0.01
-# A fitted value depends on an assumed one if a relative change of 1 changes it by more than this.
+# A fitted value depends on an assumed value if a relative change of 1 of the assumed value changes
+# the fitted value by more than this share.
 DEPENDENT = 0.05
-# If a combination of values is undetermined, the first of these in it keeps the scene's value, else
-# the value with the largest component.
+# If a combination of values is undetermined, its first member in this list keeps the scene's value;
+# if it has none of them, the value with the largest component does.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 

@@ -253,7 +253,7 @@ class Identification(ResultBase):
                 "independent"
             )
         lines.append(
-            f"fitted to {self._fitted_part()}; intervals include correlated residuals; "
+            f"fitted to {self._fitted_part()}; intervals allow for correlated residuals; "
             f"{self.seconds:.1f} s"
         )
         return lines

@@ -45,7 +45,7 @@ def identify(
     Parameters
     ----------
     scene : Scene
-        Scene with the initial values and all known ones; values that are not free are unchanged.
+        Scene with the initial values and all known values; only free values change.
     records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
         CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration with voltage,
         displacement or velocity; or a frequency response, frequency with amplitude and phase;
@@ -228,7 +228,7 @@ def _determined(
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """Fit the values that the records determine; also return the keys with the scene's values.
 
-    If a model follows the records only in fragments, a second fit of its values is omitted.
+    If a model follows the records only in short windows, its values are not fitted again.
     """
     from harvester.identification.fitting import fitted
     from harvester.identification.identifiability import to_keep

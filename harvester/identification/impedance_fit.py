@@ -310,7 +310,7 @@ class FromImpedance:
             lines.append(
                 "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
                 "stiffness and damping are proportional to it and coupling to its square root; "
-                "weigh it, or give a record of voltage under a measured acceleration (--record)"
+                "weigh the mass, or give a record of voltage and base acceleration (--record)"
             )
         return lines
 

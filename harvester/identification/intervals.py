@@ -3,17 +3,16 @@
 For residuals with covariance Γ, the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹ with N =
 Jᵀ J, where the windows' starts are eliminated from J. Γ is the covariance of a stationary series
 with the residuals' spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System
-Identification, ch. 9). If residuals are largest where J is, as with a noisy drive, this is too
-small. Therefore the variance is at least that from sums of Jᵀ r over blocks of the record.
+Identification, ch. 9). If residuals are largest where J is, as with a noisy drive, the sandwich is
+too small. Therefore the variance is at least that from sums of Jᵀ r over blocks of the record.
 
 Noise of the base's sensor drives the model, so that its residuals are as narrow as the resonance,
-and largest where the values have their effect. A single record shows their spectrum there by about
-ten independent lines, and a smoothed spectrum is too low. Therefore the spectrum is simulated:
+and largest where the values have their effect. A single record has only about ten independent
+spectral lines there, and a smoothed spectrum is too low. Therefore the spectrum is simulated:
 white noise is added to the acceleration and passed through the model in the fit's windows. Its
 power is the record's noise floor, limited by the residuals' spectrum without the outputs' white
-noise (Whittle likelihood). Before the comparison, both noises and residuals lose the part that
-windows' starts and values explain, since short windows absorb noise in the motion's band.
-band.
+noise (Whittle likelihood). Before the comparison, the part that windows' starts and values explain
+is removed from both noises and the residuals: short windows absorb noise in the motion's band.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from harvester.statistics.batch_means import student_factor
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
 
-# Maximum change of a value if one record is omitted, in sizes of the value.
+# Maximum change of a value if one record is omitted, in units of the value's size.
 MOST_MOVED = 10.0
 # Eigenvalues below this share of the largest are round-off of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
@@ -110,7 +109,7 @@ def _ridge(normal):
 def normal_equations(
     shooting: Shooting, fit: ShootingFit, at_minimum: bool = True
 ) -> NormalEquations:
-    """Sums of a fit's Jacobian, in sizes of the unknowns.
+    """Normal equations of a fit, in units of the unknowns' sizes.
 
     Parameters
     ----------
@@ -231,8 +230,8 @@ def _covariance_of_scores(shooting, fit, number, states, residuals, columns, inv
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
     It is zero without a recorded base motion. `states`: the residuals' derivatives by the windows'
-    starts; `left`: the residuals; `columns`: the derivatives by the values, without the part that
-    the windows' starts explain; `inverse`: inverse of the normal matrix of all experiments.
+    starts; `columns`: the derivatives by the values, without the part that the windows' starts
+    explain; `inverse`: inverse of the normal matrix of all experiments.
     """
     if not isinstance(shooting.responses.experiments[number], Experiment):
         return np.zeros((columns.shape[-1], columns.shape[-1]))

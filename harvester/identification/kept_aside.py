@@ -1,9 +1,9 @@
-"""Predict validation records: a run from one start under the recorded acceleration of each.
+"""Predict validation records: simulate each from one start under its recorded acceleration.
 
 A prediction is claimed to be valid only in the ranges covered by the fitted records, since a model
 extrapolates beyond them.
 
-The record is first fitted in windows, which gives its initial state and the measured orbit. Then
+A record is first fitted in windows, which gives its initial state and the measured orbit. Then
 the device is simulated from this state under the whole recorded acceleration, with the fitted
 values and with others drawn from their covariance. A value that only this record shows, such as the
 tilt of its base, is fitted in its windows for each set of values.
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.validation_record import ValidationRecord
 
-# Number of sets of values in addition to the fitted one, and maximum number of draws for them.
+# Number of sets of values in addition to the fitted one, and maximum number of draws to find them.
 DRAWS, MOST_DRAWN = 8, 80
-# First share of a record that is excluded, as the initial transient.
+# Share of a record, from its beginning, that is excluded as the initial transient.
 FORGOTTEN = 1.0 / 3.0
 # An orbit is between the wells if more than this share of the windows crosses a barrier; one window
 # in ten may start in the wrong well.
@@ -68,8 +68,8 @@ FIRST_SHARES, SAME = (0.0, 0.1, -0.1, 0.2, -0.2), 0.02
 BAND = (0.01, 0.99)
 # A position may be outside the covered displacements by this share of their range.
 MARGIN = 0.02
-# A prediction is claimed if its run exceeds the covered displacements, and the load the covered
-# loads, by at most this share, and the frequencies are within this factor.
+# A prediction is claimed if its run exceeds the covered displacements, and its load the covered
+# loads, by at most the first share, and its frequencies are within the second factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
 SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
@@ -137,7 +137,7 @@ class Visited:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Displacements of a motion for which a prediction is claimed."""
+        """Range of displacements in which a prediction is claimed."""
         low, high = np.min(self.displacement), np.max(self.displacement)
         return float(low - BEYOND * (high - low)), float(high + BEYOND * (high - low))
 
@@ -269,7 +269,7 @@ def kept_aside(
     """
     if not measurements:
         return []
-    # Frequency responses have no power of a run.
+    # A frequency response has no mean power to compare.
     in_time = [record for record in records if record.long]
     parts = [part for record in in_time for part in record.unexplained]
     missed = [0.0 if part.is_noise else part.systematic for part in parts]
@@ -325,8 +325,8 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
     problem, repeats = problems[0], _repeats(measurement)
     system, _ = problem.responses.at(0, np.zeros(0)).known_device
     saddles = np.sort(timescales.saddles(system))
-    # A sine in one well looks nearly the same in the other, so freely placed windows may mix wells:
-    # windows in a single well are chosen if they fit about as well.
+    # Sinusoidal motion is nearly the same in both wells, so unrestricted windows may be in
+    # different wells. Windows in a single well are preferred if their fit is similar.
     between = [saddle for saddle in saddles if reach[0] < saddle < reach[1]]
     wells = [*pairwise([reach[0], *between, reach[1]])] if between else []
     settled = _followed(problem, noise, wells, reach, 0.0)
@@ -342,7 +342,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
         outside = "values within the uncertainty lead to different orbits"
     if left > limit:
         cause = "with the value fitted in it" if measurement.own else "another tilt, load or sensor"
-        outside = f"its residual is {left:.0%} even in windows: {cause}"
+        outside = f"its residual is {left:.0%} even in short windows: {cause}"
     late_record = replace(
         record,
         measured=record.measured[late:],
@@ -378,7 +378,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
 
 
 def _problem(fitted, measurement, draw, values=None):
-    """The problem of one more record, with the fitted values replaced by drawn ones.
+    """Least-squares problem of one further record, with the fitted values replaced by drawn ones.
 
     The record's own values are given by `values`, or are unknowns in addition to the windows'
     starts.
@@ -453,7 +453,7 @@ def _in_windows(problem, noise, reach):
 
 def _cost(problem, fit, noise):
     """Cost of a fit with a common noise level, corrected for the windows' fitted starts."""
-    # A completed fit is weighted by its own residuals.
+    # A completed fit is weighted by its own residuals; here it gets the common noise level.
     same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
     return problem.cost(same) + sum(states.size for states in fit.starts)
 

@@ -48,7 +48,7 @@ class Motion:
     measured: bool
 
     def centred(self, position: float) -> Motion:
-        """The motion with its mean at `place`; unchanged if the displacement was measured."""
+        """The motion with its mean at `position`; unchanged if the displacement was measured."""
         return (
             self if self.measured else replace(self, x=self.x + (position - float(self.x.mean())))
         )
@@ -201,8 +201,8 @@ def regressed(
         if responses.at(number, changed).device is None:
             continue
         start = unchanged_start(responses, changed)
-        # The regression gives only this record's origin; the other records' motions start about the
-        # same place.
+        # The regression gives only this record's origin; the other records' motions are centred
+        # there too.
         motions = [path.centred(origin) for path in start.motions]
         starts.append(StartingPoint(changed, motions))
     return starts
@@ -225,9 +225,9 @@ class _Regression:
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
-        # The transducer's force has a coefficient to be fitted (β of a scaled scene).
+        # Whether the coefficient of the transducer's force is fitted (β of a scaled scene).
         self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
-        # The drive has an unknown factor, and the motion a known scale.
+        # Whether the factor of the drive is unknown, and the scale of the motion known.
         self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
         rate = experiment.measurement.sampling_rate
         period = 1.0 / experiment.measurement.frequencies[0]

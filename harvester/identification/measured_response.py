@@ -19,7 +19,7 @@ from harvester.records.columns import MeasuredFile
 from harvester.records.formats import read_content
 from harvester.records.quantities import QUANTITIES
 
-# Minimum number of frequencies in a response, and distance of the validation lines.
+# Minimum number of frequencies in a response; every third frequency is a validation line.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
 # Noise assumed by the first fit, relative to an output's rms; relative noise of an impedance.
 ASSUMED_NOISE, ASSUMED_IMPEDANCE_NOISE = 0.05, 0.005
@@ -65,10 +65,10 @@ class MeasuredResponse:
             if values.shape != shape:
                 raise SceneError(
                     f"{self.name}: {quantity} has the shape {values.shape}: must be one number per "
-                    f"line, as frequency with {shape}"
+                    f"line, as frequency has {shape}"
                 )
             if not np.isfinite(values).all():
-                raise SceneError(f"{self.name}: {quantity}: lines without a number: remove them")
+                raise SceneError(f"{self.name}: {quantity}: remove the lines without a number")
         descends = arrays["frequency"][0] > arrays["frequency"][-1]
         for quantity, values in arrays.items():
             object.__setattr__(self, quantity, values[::-1] if descends else values)
@@ -76,13 +76,13 @@ class MeasuredResponse:
             least = np.inf if getattr(self, quantity) is None else getattr(self, quantity).min()
             if least <= 0.0:
                 raise SceneError(
-                    f"{self.name}: {quantity}: {least:.6g}: must be > 0: remove those lines, or "
+                    f"{self.name}: {quantity}: {least:.6g}: must be > 0: remove such lines, or "
                     "check the column"
                 )
         if np.diff(self.frequency).min(initial=np.inf) <= 0.0:
             raise SceneError(
-                f"{self.name}: frequency must be monotonic: is it the right "
-                "column? Of several sweeps keep one"
+                f"{self.name}: frequency must be monotonic: check the column; if the file contains "
+                "several sweeps, keep one"
             )
 
     @property
@@ -351,14 +351,14 @@ def _check_phase(measured, index, values, unit):
     limit = math.radians(LARGEST_PHASE)
     if unit == "rad" and largest > limit:
         cause = (
-            "a passive part's phase within ±1.571 rad: if it is in degrees, give the unit "
-            "(phase=COLUMN:deg); if not, the column is not the impedance's phase"
+            "a passive part's phase is within ±1.571 rad: if the column is in degrees, write "
+            "phase=COLUMN:deg; if not, the column is not the impedance's phase"
         )
     elif unit == "deg" and largest > LARGEST_PHASE:
-        cause = "a passive part's phase within ±90 deg: the column is not the impedance's phase"
+        cause = "a passive part's phase is within ±90 deg: the column is not the impedance's phase"
     elif unit == "deg" and largest <= limit:
         cause = (
-            "a piezo's phase is −90 deg off resonance: if in radians, give the unit "
+            "a piezo's phase is −90 deg off resonance: if the column is in radians, give the unit "
             "(phase=COLUMN:rad)"
         )
     else:

@@ -89,7 +89,8 @@ class Measurement:
                 where = f"{self.name}: {quantity}"
                 if checked.ndim != 1 or checked.shape != self.acceleration.shape:
                     raise SceneError(
-                        f"{where} has the shape {checked.shape}, not {self.acceleration.shape}"
+                        f"{where} has the shape {checked.shape}: must be that of the acceleration, "
+                        f"{self.acceleration.shape}"
                     )
                 repaired(checked, None, where)
                 check_size(checked, where)
@@ -263,8 +264,8 @@ def _taken_absolute(where, settings):
         return False
     if f":{word}" != ABSOLUTE:
         raise SceneError(
-            f"{where}: velocity = {shown(text)}: after the unit comes absolute (to the ground) or "
-            "nothing (relative to the base)"
+            f"{where}: velocity = {shown(text)}: after the unit write absolute (relative to the "
+            "ground) or nothing (relative to the base)"
         )
     settings["velocity"] = before
     return True

@@ -190,7 +190,7 @@ class Responses:
         Returns
         -------
         ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
-            None instead of each if the values are invalid in the scene.
+            Three times None if the values are invalid in the scene.
         """
         return self.at(number, values).states(edges, starts)
 
@@ -368,7 +368,7 @@ class Trial:
         return replace(self.measurement, **true_outputs)
 
     def velocity_scale(self, velocity: np.ndarray) -> float | None:
-        """Scale of the velocity's sensor that fits its record to a motion (least squares).
+        """Scale of the velocity sensor with which its record fits a motion (least squares).
 
         Returns None if the record has no velocity.
 

@@ -49,8 +49,8 @@ HIGHEST_POWER = 7
 # A spring that may soften is defined up to this multiple of the largest displacement.
 SOFT_RANGE = 1.25
 # A part is fitted if the expected decrease of the cost exceeds this share. At most MOST_FITTED
-# parts are fitted, and after one that leaves only noise only those with at least NEARLY_AS_MUCH of
-# the largest expected decrease.
+# parts are fitted. After a part that leaves only noise, a part needs at least NEARLY_AS_MUCH of the
+# largest expected decrease.
 PROMISING, MOST_FITTED, NEARLY_AS_MUCH = 0.02, 6, 0.5
 # Shares of the regression's step that are tried; the one with the lowest cost is used.
 STEPS = (1.0, 0.3, 0.1, 0.03)
@@ -436,7 +436,7 @@ def next_power(base: Fitted) -> NextPower | None:
     """Compare the model with one with the spring's next power; None if there is none.
 
     A few sines of similar amplitude show the force at that amplitude, which many springs share. The
-    values' errors with the next power free tell whether the records could exclude it.
+    values' errors with the next power free show whether the records could exclude this power.
     """
     _, powers = _next_powers(base.scene)
     if base.settled is None or not powers:

@@ -129,7 +129,7 @@ def followed(
         most = 2 * most
         follow(_longest(fit))
         short = split_windows(shooting, fit)
-        # Linearized with respect to the windows' starts alone.
+        # The linearization is with respect to the windows' starts alone.
         shooting.frozen().linearized(short)
         longer = lengthened(fit, short, most)
         if longer is None:
@@ -203,7 +203,7 @@ def split_windows(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
 
 
 def restarted(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
-    """Restart a fit in short windows and complete it; None if no motion follows."""
+    """Restart a fit in short windows and complete it; None if no motion fits the records."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
         fit = followed(shooting, fit, rival)

@@ -2,7 +2,7 @@
 
 A sensor that blocks constants (AC coupling) shows a(s) s/(s + ω); the true quantity is the signal
 plus ω times its integral. This correction is applied to the acceleration that drives a model. The
-integral of offset and noise is a slow drift, on which the sensor has no information, so its
+integral of offset and noise is a slow drift, on which the sensor has no information, so a fitted
 parabola is removed.
 
 An output is compared after its sensor: the simulated output passes through the sensor's filters.
@@ -105,14 +105,14 @@ def integrals(
     samples : ndarray, shape (n,)
     rate : float
         Hz.
-    places : ndarray
+    positions : ndarray
         Positions of the requested values, in samples.
     """
     from scipy.interpolate import make_interp_spline
 
     spline = make_interp_spline(np.arange(samples.size), samples - samples.mean(), SPLINE_DEGREE)
     once = _without_drift(spline.antiderivative()(positions), 1) / rate
-    # A line was removed from the first integral, so a parabola and its drift from the second.
+    # A straight line was removed from the first integral; a cubic is removed from the second.
     return once, _without_drift(spline.antiderivative(2)(positions), 3) / rate**2
 
 

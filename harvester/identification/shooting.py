@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from harvester.identification.linear_start import Motion
     from harvester.identification.unknowns import Unknown
 
-# Step of the difference quotients, in sizes of the unknowns and rms values of the states.
+# Step of the difference quotients, relative to the unknowns' sizes and the states' rms values.
 DIFFERENCE = 1e-5
 # A linearization is rejected if a weighted residual changes by more than this when an unknown or
 # state changes by its size.
@@ -177,7 +177,7 @@ class Shooting:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of residuals and of windows' ends by the windows' starts, in sizes.
 
-        Shapes (samples, outputs, 3) and (windows, 3, 3). `left` and `ends` are those of the starts.
+        Shapes (samples, outputs, 3) and (windows, 3, 3). `residuals`, `ends`: those of `starts`.
         """
         sizes, lengths = self.state_sizes[number], np.diff(fit.edges[number])
         columns, transitions = np.zeros((*residuals.shape, 3)), np.zeros((len(starts), 3, 3))
@@ -393,7 +393,7 @@ def settled(
 def placed(
     shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best starts with any displacement within reach, after a fit, and their costs.
+    """The best starts, fitted from displacements within `reach`, and their costs.
 
     Parameters
     ----------
@@ -489,5 +489,5 @@ def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> 
 
 
 def states_of(seen: Motion, samples: np.ndarray) -> np.ndarray:
-    """A motion's states at some samples, shape (places, 3)."""
+    """A motion's states at some samples, shape (number of samples, 3)."""
     return np.column_stack([seen.x[samples], seen.v[samples], seen.state[samples]])

@@ -77,7 +77,8 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
     """Keys that are free by default: the device's numbers that a record determines.
 
     Mass, winding, leak and a contact's exponent are assumed known. Without a displacement no record
-    shows the position of x = 0, so the constant force is fixed. A velocity in `volts` has a scale.
+    shows the position of x = 0, so the constant force is fixed. If the velocity is in `volts`, its
+    scale is free.
     """
     keys = [VELOCITY_SCALE] if volts else []
     for key, (value, _) in numbers(scene).items():
@@ -115,7 +116,7 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
                 f"{nearest(key, names)}; there are {', '.join(names)}"
             )
         if key in keys[:index]:
-            raise HarvesterError(f"--free {named(key)}: occurs twice")
+            raise HarvesterError(f"--free {named(key)}: occurs twice: remove one")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
             f"--free {BASE_FACTOR} {BASE_SCALE}: records determine only their ratio; give one "
@@ -147,7 +148,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
         if key == DRAG:
-            # A drag of 0 is not a number of the scene.
+            # The scene omits a drag of 0, so the bound is above 0.
             low = LITTLE * size
         result.append(Unknown(key, float(start), low, spec.high, size))
     return result

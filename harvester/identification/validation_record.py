@@ -32,9 +32,9 @@ BLOCKS = 12
 # A record's noise is estimated in this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# Minimum and maximum noise of the base's sensor, relative to the base's rms. Without noise a record
-# still needs a direction in which noise would act; a higher floor is motion up to half the sampling
-# rate.
+# Minimum and maximum noise of the base's sensor, relative to the base's rms. A record without noise
+# still needs a small value, which shows how noise would act. A floor above the maximum is motion at
+# frequencies up to half the sampling rate.
 LEAST_BASE_NOISE, MOST_BASE_NOISE = 1e-6, 0.05
 # Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
@@ -48,16 +48,16 @@ MOSTLY_NOISE = 0.9
 SURE = 3.0
 # Number of simulated noise records, and of adjacent lines over which their spectrum is averaged.
 DRAWS, LINES = 6, 9
-# Residuals are systematic if the regression's F exceeds this. Fourteen sets of three records with
-# right models had up to 4.2, including the values' errors. Sets with wrong sensors, springs or
-# loads had at least 32 in their worst record.
+# Residuals are systematic if the regression's F exceeds this. For correct models, fourteen sets of
+# three records had F up to 4.2, including the values' errors. With wrong sensors, springs or loads,
+# F was at least 32 in the worst record of a set.
 SYSTEMATIC = 12.0
-# Residuals are too large if they exceed this multiple of a right model's. Eleven sets of two or
-# three records with right models had up to 1.23 in their worst record.
+# Residuals are too large if they exceed this multiple of a correct model's. For correct models the
+# ratio was up to 1.23 in the worst record of eleven sets of two or three records.
 TOO_LARGE = 1.5
 # A part below this share of an output's standard deviation is ignored.
 UNNOTICED = 2e-3
-# The same for a frequency response, and the maximum noise that its residuals may indicate.
+# The same share for a frequency response, and the maximum noise that its residuals may indicate.
 UNNOTICED_IN_RESPONSE, MOST_NOISE = 0.05, 0.5
 # Singular values below this share of the largest are dropped, since some columns are nearly equal.
 SMALLEST_DIRECTION = 1e-8

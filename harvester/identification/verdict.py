@@ -176,7 +176,8 @@ def _not_followed(evidence):
     unfollowed = [record for record in evidence.whole if not record.follows]
     if not unfollowed:
         return None
-    return f"the model misses {unfollowed[0].left:.0%} of {unfollowed[0].name} even in windows"
+    left, name = unfollowed[0].left, unfollowed[0].name
+    return f"the model misses {left:.0%} of {name} even in short windows"
 
 
 def _uncertain_spring(evidence):
@@ -213,16 +214,16 @@ RULES = (
     Rule(_better_rival, "wrong", "see the rival in the proposed scene"),
     Rule(_unexplained, "incomplete", "look for a part or a sensor that the scene lacks"),
     Rule(_needed_power, "incomplete", "give the spring one more power"),
-    Rule(_needed_assumption, "incomplete", "calibrate it, or free it (--free)"),
+    Rule(_needed_assumption, "incomplete", "calibrate this value, or free it (--free)"),
     Rule(_not_as_predicted, "incomplete", "look for a part or a sensor that the scene lacks"),
     Rule(
         _not_followed,
         "incomplete",
-        "it has another tilt, load or sensor: values that differ in one record are freed after "
-        "its file, such as oscillator.restoring_force[0]=free",
+        "this record has another tilt, load or sensor: free a value for one record after its file, "
+        "such as oscillator.restoring_force[0]=free",
     ),
-    Rule(_uncertain_spring, "fits", "measure larger motions too, or noise"),
-    Rule(_caveat, "predicts", "use it in the range that the records cover"),
+    Rule(_uncertain_spring, "fits", "also measure larger motions, or under noise"),
+    Rule(_caveat, "predicts", "use the model in the range that the records cover"),
 )
 OPENINGS = {
     "nothing": "no evidence: the model explains no more than chance",
@@ -231,16 +232,16 @@ OPENINGS = {
     "fits": "the model fits {left}",
     "predicts": "the model predicts {left}",
 }
-# A fitted value depends on an assumed one if the error of the latter, as far as the records leave
-# it open, changes it by more than this share of its error. Otherwise an error that is not yet
-# `CERTAIN` changes it by at most two standard errors.
+# A fitted value depends on an assumed value if the assumed value's error that the records allow
+# changes the fitted value by more than this share of the fitted value's standard error. Otherwise
+# an error below `CERTAIN` changes the fitted value by at most two standard errors.
 DEPENDS = 0.5
-# Records determine an assumed value if its relative standard error, were it free, is below this. A
-# right set whose gain was uncertain by 88 % needed five of its standard errors, which is not a
-# first-order change.
+# Records determine an assumed value if its relative standard error, were it free, is below this. In
+# a correct model a gain that was uncertain by 88 % seemed wrong by five standard errors: such a
+# change is not of first order.
 TOLD = 0.1
 # Number of standard errors from which records need another assumed value. There are several assumed
-# values, and noise of the base's sensor biases them: a right set had 3.0 for its mass.
+# values, and noise of the base's sensor biases them: the mass of a correct model had 3.0.
 CERTAIN = 4.0
 
 
@@ -281,8 +282,8 @@ def findings(evidence: FitEvidence) -> list[str]:
         )
     if spring:
         lines += [
-            f"with a term of power {spring.power}, which the records do not exclude, they give "
-            f"{_name(key)} to {_share(half)} (95 %)"
+            f"with a term of power {spring.power}, which the records do not exclude, they "
+            f"determine {_name(key)} to {_share(half)} (95 %)"
             for key, half in spring.uncertain.items()
         ]
     lines += map(str, evidence.whole)
@@ -293,8 +294,9 @@ def findings(evidence: FitEvidence) -> list[str]:
             HALF_INTERVAL * (estimate.standard_error or 0.0) / estimate.estimate for estimate in rms
         ]
         lines.append(
-            f"it claims {len(claimed)} of {len(evidence.whole)} validation records, and {held} of "
-            f"them agree within their intervals, of ± {min(widths):.1%} to {max(widths):.1%} of rms"
+            f"predictions of {len(claimed)} of {len(evidence.whole)} validation records are "
+            f"claimed, {held} agree within their intervals, of ± {min(widths):.1%} to "
+            f"{max(widths):.1%} of rms"
         )
     return lines + _rival_lines(evidence.rivals)
 

@@ -11,5 +11,4 @@ A file is converted to evenly spaced samples in five steps:
 Callers request quantities: the excitation by a record (`excitation.recorded`), the records,
 responses and impedances of `identify` (`identification.measurement`,
 `identification.measured_response`), and files of points (`scene.force_file`).
-`identification.measured_response`), and files of points (`scene.force_file`).
 """

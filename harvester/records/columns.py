@@ -206,7 +206,7 @@ class MeasuredFile:
         if scaled and quantity not in UNSCALED and (usual or stated not in UNITLESS):
             raise SceneError(
                 f"{label} is in {named(written or stated)}, but a scene with units = "
-                '"scaled" takes scaled values: use units = "SI", or another column'
+                '"scaled" needs values without a unit: set units = "SI", or name another column'
             )
         if scaled and stated in UNITLESS:
             stated = None

@@ -106,10 +106,10 @@ def read_table(file: str, content: bytes) -> Table:
         if content.startswith(start):
             raise ValueError(f"it is {sort}: {cure}")
     if not content:
-        raise ValueError("it is empty")
+        raise ValueError("it is empty: export it again")
     table = format_of(file, content).read(content)
     if not table.names or not table.rows:
-        raise ValueError("it contains no samples")
+        raise ValueError("it contains no samples: export it again")
     if table.rows > most_samples():
         raise ValueError(
             f"it has {table.rows} samples, and this machine's memory allows {most_samples()}: "

@@ -48,7 +48,7 @@ def _table(data):
             events = channel.getSession()
             sessions[channel.name] = len(events), events, channel
     if not sessions:
-        raise Unreadable("it contains no acceleration channel")
+        raise Unreadable("it contains no acceleration channel: name another file")
     chosen = max(sessions, key=lambda name: sessions[name][0])
     count, events, channel = sessions.pop(chosen)
     names = ["time", *(axis.name for axis in channel.subchannels)]

@@ -150,7 +150,7 @@ def _class_of(data, order):
 def _count_parts(data, order, depth):
     """Total number of parts of a matrix; raise if they are too many or too deeply nested."""
     if depth > DEEPEST:
-        raise Unreadable(f"its structures are nested more than {DEEPEST} deep")
+        raise Unreadable(f"its structures are nested more than {DEEPEST} deep: save only arrays")
     if len(data) == 0 or _class_of(data, order) not in (CELL, STRUCTURE, OBJECT):
         return 1
     parts = _elements(data, order)
@@ -165,13 +165,14 @@ def _count_parts(data, order, depth):
         claimed *= max(1, len(next(parts)[1]) // length)
     if claimed > MOST_PARTS or 8.0 * claimed > len(data) + 8:
         raise Unreadable(
-            "one of its structures claims more parts than it contains, or too many: save it again"
+            "one of its structures claims more parts than it contains, or too many: save the file "
+            "again"
         )
     total = 1
     for kind, part in parts:
         total += _count_parts(part, order, depth + 1) if kind == MATRIX else 1
         if total > MOST_PARTS:
-            raise Unreadable(f"its structures have more than {MOST_PARTS} parts")
+            raise Unreadable(f"its structures have more than {MOST_PARTS} parts: save only arrays")
     return total
 
 

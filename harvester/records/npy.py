@@ -23,7 +23,10 @@ def read(content: bytes) -> Table:
         array = np.load(io.BytesIO(content), allow_pickle=False)
     names = array.dtype.names
     if array.ndim not in ((1,) if names else (1, 2)):
-        raise ValueError(f"an array of shape {array.shape} is not a table of samples by columns")
+        raise ValueError(
+            f"an array of shape {array.shape} is not a table of samples by columns: save one or "
+            "two dimensions"
+        )
     columns = [array[name] for name in names or ()] or list(np.atleast_2d(array.T))
     return table_of(columns, names or [""] * len(columns))
 

@@ -62,8 +62,8 @@ def read_points(
             unit = units[index] = measured.unit(quantity, index, stated[index], hint=square)
             if scaled and (quantity == "density" or QUANTITIES[quantity][unit] != 1.0):
                 raise SceneError(
-                    f'{named(file)}: {measured.label(index)}: the scene has units = "scaled": use '
-                    "SI, or scaled values"
+                    f"{named(file)}: {measured.label(index)} needs conversion to scaled values, as "
+                    'the scene has units = "scaled": give scaled values, or set units = "SI"'
                 )
     return points, units
 

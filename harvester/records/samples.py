@@ -72,7 +72,7 @@ def marker_remark(values: np.ndarray) -> str:
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     return (
         f"{count} of {values.size} {'sample is' if count == 1 else 'samples are'} {written}, far "
-        f"outside the rest ({ordinary.min():.3g} to {ordinary.max():.3g})"
+        f"outside all others ({ordinary.min():.3g} to {ordinary.max():.3g})"
     )
 
 
@@ -164,7 +164,9 @@ def check_length(values: np.ndarray, where: str) -> None:
 def check_variation(values: np.ndarray, where: str) -> None:
     """Raise SceneError if all samples, shape (n,), are equal."""
     if np.ptp(values) == 0.0:
-        raise SceneError(f"{where}: the record is constant: every sample is {values[0]:g}")
+        raise SceneError(
+            f"{where}: the record is constant: every sample is {values[0]:g}: check the column"
+        )
 
 
 def clipped_samples(values: np.ndarray) -> np.ndarray:

@@ -111,7 +111,8 @@ def table_of(
         for k in indices:
             if columns[k].dtype.kind not in NUMBER_KINDS or columns[k].ndim != 1:
                 raise ValueError(
-                    f"column {k} contains {columns[k].dtype.name}, not one real number per sample"
+                    f"column {k} contains {columns[k].dtype.name}, not one real number per sample: "
+                    "name another column"
                 )
         with np.errstate(over="ignore"):
             return [

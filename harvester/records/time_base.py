@@ -133,7 +133,7 @@ def _drifting(late, spacing, rounding, steps):
     clock = numbers * spacing + drift
     grid = np.arange(clock[0], clock[-1] + 1e-9 * spacing, spacing)
     remark = (
-        f"its clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
+        f"the clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
         f"{1.0 / spacing:.6g} Hz"
     )
     positions = np.interp(grid, clock, numbers)
@@ -206,6 +206,4 @@ def _bridged(times, steps, spacing, where):
             f"than {LARGEST_MENDED_SHARE:.0%} cannot be repaired: cut the record at its gaps, or "
             "choose a part by excitation.start"
         )
-    return (
-        f"interpolation brings it to even steps: {share:.1%} of the samples were missing, {largest}"
-    )
+    return f"interpolated to even steps: {share:.1%} of the samples were missing, {largest}"

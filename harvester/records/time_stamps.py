@@ -18,7 +18,7 @@ ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")
 
 
 class StampReader:
-    """Parse the time stamps of one column in order.
+    """Parse the time stamps of one column, from the first to the last.
 
     They follow ISO 8601 (2026-03-01T12:00:00.005Z), or are clock times (12:00:00.005, or 00:00.005
     for minutes and seconds) without a date or with a constant date. A clock time without a date

@@ -52,17 +52,17 @@ def _parts(content):
     """Return (byte order, content of `fmt `, start and claimed size of `data`)."""
     kind = content[:4]
     if kind not in (b"RIFF", b"RIFX", b"RF64") or content[8:12] != b"WAVE":
-        raise ValueError("it does not begin as a .wav file does (RIFF … WAVE)")
+        raise ValueError("it does not begin as a .wav file does (RIFF … WAVE): export it again")
     order = ">" if kind == b"RIFX" else "<"
     form, long_size, offset = None, None, 12
     for _ in range(MOST_CHUNKS):
         if offset + 8 > len(content):
-            raise ValueError("it ends before its samples (no data chunk)")
+            raise ValueError("it ends before its samples (no data chunk): export it again")
         name, size = struct.unpack_from(f"{order}4sI", content, offset)
         offset += 8
         if name == b"data":
             if form is None:
-                raise ValueError("the format of its samples is missing (no fmt chunk)")
+                raise ValueError("the samples' format is missing (no fmt chunk): export it again")
             remaining = len(content) - offset if long_size is None else long_size
             return order, form, offset, remaining if size == UNKNOWN_SIZE else size
         if name == b"fmt ":
@@ -70,13 +70,13 @@ def _parts(content):
         elif name == b"ds64" and len(content) >= offset + 16:
             (long_size,) = struct.unpack_from("<Q", content, offset + 8)
         offset += size + size % 2
-    raise ValueError(f"it has no samples within {MOST_CHUNKS} chunks")
+    raise ValueError(f"it has no samples within {MOST_CHUNKS} chunks: export it again")
 
 
 def _layout(order, form):
     """(channels, Hz, bytes of one sample of all channels, dtype of a sample)."""
     if len(form) < 16:
-        raise ValueError("the format of its samples is truncated (fmt chunk)")
+        raise ValueError("the samples' format is truncated (fmt chunk): export it again")
     tag, channels, rate, _, stride, bits = struct.unpack_from(f"{order}HHIIHH", form)
     if tag == EXTENSIBLE and len(form) >= 28:
         (tag,) = struct.unpack_from(f"{order}I", form, 24)

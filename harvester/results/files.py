@@ -48,7 +48,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
     """
     if not isinstance(target, (str, os.PathLike)) or not str(target).strip():
         raise HarvesterError(f"save: {shown(target)}: is not a path: give {KINDS}")
-    # A command has expanded `~` already, and its folder may contain intermediate results.
+    # A command has already expanded `~`, and its folder may contain intermediate results.
     directory = Path(target if name else os.path.expanduser(target))
     ending = directory.suffix.lower()
     if isinstance(result, Scene) and ending == ".toml":

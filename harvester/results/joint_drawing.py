@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
 # What the figures of a result need, see `harvester.results.view.Picture`.
-NOT_IN_JSON = "which JSON does not hold: run the scene again"
+NOT_IN_JSON = "which JSON does not contain: run the scene again"
 NEEDS = (
     'a joint density, of simulate(…, joint_density=True) or average(…, method="fokker_planck"), '
     f"{NOT_IN_JSON}"

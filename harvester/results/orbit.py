@@ -21,10 +21,10 @@ NO_PERIOD = "no period"
 CHARGING, ESCAPES, DIVERGES = "still charging", "escapes", "diverges"
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES, DIVERGES
 REASONS = {
-    NOT_SETTLED: "no period is repeated and neighbouring paths do not diverge; follow it longer "
-    "(more periods, or run.settle)",
+    NOT_SETTLED: "no period is repeated and neighbouring paths do not diverge; follow the motion "
+    "longer (raise periods or run.settle)",
     CHARGING: "a store of the load charges too slowly for the time followed; reduce its "
-    "capacitance, which mainly changes its ripple, or start within 0.1 % of its steady voltage "
+    "capacitance, which mainly changes the ripple, or start it within 0.1 % of its steady voltage "
     "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is unknown",
     DIVERGES: "the values overflow: start closer to the rest position, or choose a shorter step",

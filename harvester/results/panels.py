@@ -19,7 +19,7 @@ COLUMNS = 3
 LEGEND_COLUMNS = 5
 # Width (inches) of a legend entry's mark, and of one letter in the project's style.
 MARK, LETTER = 0.6, 0.075
-# An axis is logarithmic from this ratio of its values; over a smaller one it has too few labels.
+# An axis is logarithmic if its values span at least this ratio; else it would have too few labels.
 WIDE_RATIO = 10.0
 # Below this ratio of its limits, a logarithmic axis also has labels between its decades.
 FEW_DECADES = 100.0
@@ -166,7 +166,7 @@ def set_title(figure: Figure, title: str) -> None:
 def thin_ticks(axes: Axes) -> None:
     """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5.
 
-    The values on an x axis belong to components: 20k, 10u.
+    Values on an x axis are printed like those of components: 20k, 10u.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

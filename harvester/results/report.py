@@ -25,7 +25,7 @@ def page_of(result: ResultBase, title: str) -> str:
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
         "Figures": "\n".join(filter(None, (picture.html(title) for picture in view.pictures))),
-        "How it came about": all_facts(view.findings),
+        "How the numbers were obtained": all_facts(view.findings),
     }
     about = ""
     if scene is not None:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 # step error.
 LARGER_ERROR = 1.5
 # Explanation of an error of 0.
-CONSTANT = "constant in the run: the load or the scene fixes it"
+CONSTANT = "constant in the run: the load or the scene determines the value"
 ERROR_KINDS = ("statistical", "numerical")
 
 
@@ -77,9 +77,9 @@ class Result(ResultBase):
     wall_seconds : float
         Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
-        Sum over realizations (s): `simulated_time` divided by it is the speed of one core.
+        Computing time of all realizations (s); `simulated_time` over it is the speed of one core.
     simulated_time : float
-        Sum over realizations, including settling (s); 0 for averaging.
+        Simulated time of all realizations, including settling (s); 0 for averaging.
     steps : int
     step : float or None
         Longest step (s).
@@ -89,7 +89,7 @@ class Result(ResultBase):
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
-        SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
+        SHA-256 of the first realization's netlist; with Monte Carlo, of the load's netlist.
     notes : tuple of str
         Caveats for citing the numbers.
     densities : dict of str to Density
@@ -150,7 +150,7 @@ class Result(ResultBase):
         if name not in self.scaled_quantities:
             missing = without_line(self.scene, name)
             if name in (*self.densities, "density", "densities"):
-                missing = f'no quantity {name}; densities: to_dataframe("densities"), .densities'
+                missing = f'no quantity {name}; to_dataframe("densities") has the densities'
             if missing:
                 raise UnknownQuantity(missing)
             return super().__getitem__(name)
@@ -214,7 +214,7 @@ class Result(ResultBase):
         Raises
         ------
         HarvesterError
-            `content` is not the values of a result.
+            `content` does not contain the values of a result.
         SceneError
             A file of the scene is missing or has changed.
         """
@@ -388,7 +388,7 @@ class Result(ResultBase):
         Shape (realizations, samples, 2). Raises HarvesterError if the samples were not kept.
         """
         if self.stroboscope is None:
-            raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
+            raise HarvesterError(f"{self.scene.name}: no samples: simulate with stroboscope=True")
         units = [self.scales.of("displacement"), self.scales.of("velocity")]
         return self.stroboscope[:, :, :2] * units
 
@@ -402,13 +402,15 @@ class Result(ResultBase):
                 f"{quantity(self.step or 0.0, 's', 3)}, seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
+            sentences.append(f"step error of powers: up to {100.0 * self.step_error:.1g} %")
             loss = self.scaled_quantities.get("mean_converter_loss")
             size = step_sizes(self.scaled_quantities).get("mean_converter_loss", 0.0)
             # The larger relative error of a difference of powers is printed if it is relevant.
             if loss and size > LARGER_ERROR * abs(loss.estimate) > 0.0:
                 share = self.step_error * size / abs(loss.estimate)
-                sentences[-1] += f", the converter loss up to {float(f'{100.0 * share:.1g}'):g} %"
+                sentences[-1] += (
+                    f", of the converter loss up to {float(f'{100.0 * share:.1g}'):g} %"
+                )
         if self.energy_balance_residual is not None:
             sentences.append(f"energy balance residual {self.energy_balance_residual:z.2%}")
         sentences.append(f"{self.wall_seconds:.2f} s")

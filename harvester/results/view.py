@@ -57,7 +57,7 @@ class Picture:
     name : str
         Part of the file's name; empty for the main figure.
     needs : str
-        What there must be to draw, and how to get it, for the message where it is missing.
+        Data that the figure needs, and how to obtain them, for the message if they are missing.
     """
 
     draw: Callable[[Any], Figure | None]

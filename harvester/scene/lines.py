@@ -23,7 +23,7 @@ SHARE_OF_HALF_WIDTH = 0.005
 # Lines count if their response exceeds this share of the largest response.
 COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
-# Compared with 32 times shorter steps, 14 devices with Q from 12 to 340 needed a tenth of it.
+# 14 devices with Q from 12 to 340, compared with 32 times shorter steps, needed a tenth of this.
 NONLINEAR_SPREAD = 0.05
 # Number of lines with the largest responses whose overtones and combination tones count.
 MOST_COMBINED = 4

@@ -135,7 +135,7 @@ class Scene(Table):
             )
         if scene.run.orbit in ("best", "weighted") and scene.run.starts is None:
             raise SceneError(
-                f'{origin}: run.orbit = "{scene.run.orbit}" needs drawn starts: set '
+                f'{origin}: run.orbit = "{scene.run.orbit}" needs random starts: set '
                 "run.starts = 16 or more"
             )
         if scene.run.starts and scene.start and scene.run.orbit != "rest":
@@ -229,7 +229,7 @@ class Scene(Table):
                 f"{shown(content)}: not a scene: pass the return value of Scene.to_dict"
             )
         tables = copy.deepcopy({k: v for k, v in content.items() if k not in ("name", "sha256")})
-        # Without its digest a record is read again.
+        # A record without a stored digest is read again.
         for _, excitation in parts_of(tables.get("excitation")):
             excitation.pop("sha256", None)
         name = str(content.get("name", "scene"))

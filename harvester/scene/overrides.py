@@ -136,7 +136,7 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> set[str
     if index is not None and (value is None or is_list):
         several = _several(table, name, index, where)
         several[index : index + 1] = [] if value is None else [value]
-        # Remove the key with its last value.
+        # A list without values is removed with its key.
         last, value = name, several or None
     if not path and isinstance(values, dict):
         removed = {*values} - {*(value if isinstance(value, dict) else ())}

@@ -27,9 +27,9 @@ MOST_SAMPLES, SEGMENT_PERIODS = 2**18, 64.0
 def misplacement(prepared_scene: Prepared, spacing: float, order: int) -> float:
     """Relative change of E[X²] if every frequency ω becomes ω (1 + ω^order), to first order.
 
-    Times c h^order it is the error of an integrator that shifts ω by c (ω h)^order. If the
-    integrator is exact at a line, only the difference from the shift there counts. Sines add to
-    E[X²] alone; `harvester.scene.lines` treats their error.
+    Multiplied by c h^order, it is the error of an integrator that shifts ω by c (ω h)^order. If the
+    integrator is exact at a line, only the difference from the shift there counts. Sines are part
+    of E[X²], but not of its change; `harvester.scene.lines` treats their error.
 
     `spacing`: time between two samples of the excitation (s).
 

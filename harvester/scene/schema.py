@@ -27,7 +27,7 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     names = [*Top.KEYS, *classes]
     for name, value in tables.items():
         if name not in names:
-            # Of keys that are alike, the one of a table that is there.
+            # Of similar keys, those in a table that the scene has come first.
             near = sorted(all_keys(), key=lambda key: key.partition(".")[0] not in tables)
             hint = f"{nearest(name, [*names, *near])}; there are {', '.join(names)}"
             raise SceneError(f"{origin}: unknown key {named(name)}{hint}")
@@ -131,13 +131,14 @@ def _check_physics(parts, origin):
     """Raise if the values together allow unbounded motion or no stationary state."""
     oscillator, stoppers = parts["oscillator"], parts.get("stoppers", ())
     _check_bounded(oscillator, stoppers, origin)
-    # With `event` one impact speed is held per side, which allows one stopper there.
+    # With `event` one impact speed is stored per side, so a side can have only one stopper.
     for side in ("right", "left"):
         facing = [stopper for stopper in stoppers if stopper.side in (side, "both")]
         if len(facing) > 1 and any(stopper.impact_velocity == "event" for stopper in facing):
             raise SceneError(
                 f'{origin}: stoppers.impact_velocity = "event" with {len(facing)} stoppers on the '
-                f'{side}: one impact speed is held there; choose "energy", or remove the others'
+                f'{side}: only one of them can store its impact speed; choose "energy", or remove '
+                "the others"
             )
     name = transducer_of(parts)
     uncoupled = getattr(parts[name], "coupling", None) == 0.0
@@ -155,7 +156,7 @@ def _check_physics(parts, origin):
 
 
 def _check_bounded(oscillator, stoppers, origin):
-    """Raise if neither the spring nor a stopper leads the mass back far out on each side."""
+    """Raise if, on either side, neither the spring nor a stopper limits the motion."""
     if oscillator.restoring_force_range is not None:
         return
     if oscillator.force_table is not None:
@@ -167,9 +168,9 @@ def _check_bounded(oscillator, stoppers, origin):
                 continue
             raise SceneError(
                 f"{origin}: oscillator.force_table ends on the {side} with a slope of {slope:.3g}, "
-                "and beyond: the motion is unbounded there; add points until the force leads back, "
-                "put a stopper there, or state by oscillator.restoring_force_range that "
-                "the mass stays within the table"
+                "which continues beyond it, so the motion is unbounded: add points until the force "
+                "is restoring, put a stopper there, or state by oscillator.restoring_force_range "
+                "that the mass stays within the table"
             )
         return
     force = oscillator.coefficients

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
 # Minimum number of steps in one contact, at the default step and longer ones.
 STEPS_PER_CONTACT = 30
-# The same for Runge–Kutta. Its steps between two knots are equal, and 26 equal steps are as
+# The same minimum for Runge–Kutta, whose steps between two knots are equal: 26 equal steps are as
 # accurate as 30 unequal ones.
 EVEN_STEPS_PER_CONTACT = 26
 # Named steps, as divisors of the default step.
@@ -40,8 +40,8 @@ FREQUENCY_ERRORS = {
     "circuit": (1.0 / 12.0, 2),
 }
 # Relative error of a load's power, in units of the frequency error. It was at most 4 for bridges
-# and doublers. SSHI cost 0.16 % in Monte Carlo, five times as much. In the circuit it cost up to
-# 0.8 % at 80 steps per period, and a twentieth of that at four times shorter steps.
+# and doublers. With SSHI the error was 0.16 % in Monte Carlo, five times as large. In the circuit
+# it was up to 0.8 % at 80 steps per period, and a twentieth of this at four times shorter steps.
 LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
 # Relative error of a power with contacts, times the square of the steps per contact. For one
 # stopper under noise the error was 0.04 to 0.07 % at 26 steps, and a sixteenth of that at 104.
@@ -52,10 +52,10 @@ CONTACT_ERROR = 0.7
 FAINT_SHARE = 0.2
 # Near lines, steps are shortened by at most this factor.
 FINER_NEAR_LINES = 3.0
-# Share of a power that default steps may cost by frequency shift under noise and records. A band at
-# five to ten times the resonance cost the circuit 5 % at the steps of the resonance.
+# Largest relative error of a power by the frequency shift of default steps under noise and records.
+# With steps for the resonance, a band at five to ten times its frequency gave 5 % in the circuit.
 NOISE_ERROR = 0.005
-# Below this share the error at the resonance itself is used.
+# An error under noise below this share is ignored; only the error at the resonance is then used.
 NOTED_ERROR = 0.0005
 # A run stops with an error if it needs more than 6 s of processor time for less than a thousandth
 # of its longest step, since it would not end.
@@ -65,8 +65,8 @@ STALLED = f"it stalls: {PATIENCE:g} s of work went into less than a thousandth o
 # in, and the growing voltage would need ever shorter steps.
 LARGEST_VOLTAGE = 1e9
 RUNAWAY = (
-    f"the load's voltage grows beyond {LARGEST_VOLTAGE:g} V, since the load feeds energy in; take "
-    "sources, negative parts and gains that feed back out of its netlist"
+    f"the load's voltage grows beyond {LARGEST_VOLTAGE:g} V, since the load feeds energy in; "
+    "remove sources, negative parts and gains with feedback from its netlist"
 )
 # Shortest step in units of the knot spacing; a run with shorter steps would not end.
 SHORTEST_STEP = 1e-9
@@ -174,7 +174,7 @@ def step_error(
 ) -> float:
     """Relative error of a mean power due to the step, from the methods' stability functions.
 
-    It adds the resonance's remaining shift, on the flank where the power changes most, to a
+    The error adds the resonance's remaining shift, on the flank where the power changes most, to a
     multiple of the frequency error for a load and its switches. Contacts add their share.
 
     `prepared_scene`, `step`, `engine`: see `steps_per_sample`.

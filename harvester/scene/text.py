@@ -28,7 +28,7 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
     from circuits.netlist.subcircuits import load_names
 
     tables = scene.to_tables()
-    # The text may be written into any folder, so the path must be absolute. A record's already is.
+    # The text may be written into any folder, so the path must be absolute. A record's is.
     if scene.load.netlist and scene.load.netlist not in load_names():
         tables["load"]["netlist"] = str(scene.load.circuit.source[0].absolute())
     lines = [f"# {one_line(text)}" for text in heading]

@@ -41,10 +41,12 @@ def read_toml(text: str, origin: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise NotToml(f"{origin}: not a TOML file: {named(' '.join(str(error).split()))}") from None
     except RecursionError:
-        raise SceneError(f"{origin}: tables or lists are nested too deeply") from None
+        raise SceneError(
+            f"{origin}: tables or lists are nested too deeply: must be at most {DEEPEST} levels"
+        ) from None
     # Python limits the length of integers.
     except ValueError:
-        raise SceneError(f"{origin}: a number has too many digits") from None
+        raise SceneError(f"{origin}: a number has too many digits: write fewer") from None
 
 
 def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
@@ -62,7 +64,7 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     def copy(value, where, depth):
         if next(count) > MOST_VALUES or depth > DEEPEST:
             limit = f"more than {MOST_VALUES} values" if depth <= DEEPEST else "nested too deeply"
-            raise SceneError(f"{origin}: {limit}, at {named(where)}")
+            raise SceneError(f"{origin}: {limit}, at {named(where)}: shorten the scene")
         if isinstance(value, dict):
             for key in value:
                 if not isinstance(key, str) or named(key) != key:

@@ -80,7 +80,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
         raise SceneError(
             f"{scene.name}: oscillator.restoring_force_range = "
             f"{list(scene.oscillator.restoring_force_range or ())}: the mass has no stable rest "
-            "position in it"
+            "position in this range: extend the range"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
     # The excitation's noise if it is white or coloured, else the equivalent noise on the mass.
@@ -118,7 +118,7 @@ def rest_stiffness(oscillator: Any) -> float:
 
 
 def acting_stoppers(scene: Any, spring: Spring) -> Iterator[tuple[Any, str]]:
-    """(stopper, side) of each contact of the scaled device, in order."""
+    """(stopper, side) of each contact of the scaled device, in the order of its contacts."""
     for stopper in scene.stoppers:
         if stopper.stiffness > 0.0:
             # If the spring is symmetric, a pair is one contact, else one on each side.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 # A difference of at least this many standard errors is significant; chance causes one in 370.
 SIGNIFICANT_SIGMAS = 3.0
-# A smaller share of a quantity is negligible, since the default steps may cost as much,
-# docs/explanation/steps.md.
+# A smaller relative difference is negligible, since the default steps may cause as much
+# (docs/explanation/steps.md).
 NEGLIGIBLE_SHARE = 0.01
 # A difference with a larger relative standard error is too uncertain to check an estimate.
 SHARP_SHARE = 0.1

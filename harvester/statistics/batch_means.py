@@ -28,19 +28,19 @@ FEWEST_TO_JOIN = 64
 # Minimum effective number of batches. At seven, which correspond to ten correlation times, a mean
 # of squares is within 1.96 standard errors in 94 % of runs.
 FEWEST_EFFECTIVE = 7.0
-# Standard errors are increased by this share over the effective batches. Few batches estimate their
-# scatter poorly, and a low mean of squares comes with a low scatter. From ten correlation times on,
-# intervals then cover means of squares of Gaussian noise in 93 to 96 % of runs, without the
-# increase in 88 to 92 %.
+# Standard errors are increased by this number over the effective number of batches. The scatter of
+# few batches is uncertain, and a low mean of squares has a low scatter. From ten correlation times
+# on, intervals then cover means of squares of Gaussian noise in 93 to 96 % of runs; without the
+# increase, in 88 to 92 %.
 RAISED = 2.5
-# Neighbours of correlation c become nearly uncorrelated if batches are the first number over −ln c
-# times as long. For sequences that decorrelate within 3 and 8 batches, 94 and 87 % of runs of the
-# advised length have an error bar. A correlation above the second number determines no time.
+# Neighbours of correlation c become nearly uncorrelated if batches are longer by the factor
+# (first number)/(−ln c). For sequences that decorrelate within 3 and 8 batches, 94 and 87 % of runs
+# of the advised length have an error bar. A correlation above the second number gives no time.
 LENGTHS_TO_FORGET, LARGEST_LEFT = 2.5, 0.98
 # Minimum number of batches, and maximum number of histogram groups, of all realizations together.
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
-# Minimum number of batches per realization: the first half shows if the mean drifts. If all
+# Minimum number of batches per realization: their halves show whether the mean drifts. If all
 # realizations have the same aperiodic path, it is larger, since batches are averaged over
 # realizations before they are merged.
 FEWEST_TO_DRIFT, FEWEST_ON_ONE_PATH = 4, 64
@@ -99,7 +99,7 @@ def standard_error(series: np.ndarray, memory: float = 0.0) -> float | None:
             chance = 1.0 / math.sqrt(series.size)
             share = _share_in_common(neighbours, chance, expected)
             factor = max(1.0 + share * (factor - 1.0), 1.0 + 2.0 * neighbours)
-            if neighbours < -chance:  # of a correlation down to −1/2 what is beyond chance
+            if neighbours < -chance:  # the part beyond chance, at least −1/2
                 factor = 1.0 + 2.0 * (max(neighbours, -0.5) + chance)
             variance = min(factor, 1.0) * total / series.size
             error = _raised(variance, series.size / max(factor, 1.0))
@@ -207,7 +207,7 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
     """Standard error of the mean if the strength of the excitation drifts, as in a single record.
 
     It uses differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)), in
-    which a slow drift cancels: the error of this mean among records with the same drift. Batches
+    which a slow drift cancels: the scatter of the mean among records with the same drift. Batches
     are merged until they are as long as `memory` and the correlation ρ between neighbours is small;
     ρ follows from the correlation (2ρ − 1)/(2 − 2ρ) of successive differences. See
     `standard_error`. A motion as slow as the drift counts as drift.
@@ -296,9 +296,9 @@ def ratio_of_sums(
 def ratio_deviations(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
     """Deviations of batches from the ratio of their sums, with the mean 0.
 
-    A ratio without a block of batches changes by their deviation over 1 minus their share of the
-    denominator (jackknife). The efficiency of a hardening device, which falls with the energy,
-    scattered by 1.12 error bars without this factor, 1.06 with it (20 independent batches).
+    Without a block of batches, the ratio changes by the block's deviation, divided by 1 minus its
+    share of the denominator (jackknife). The efficiency of a hardening device, which falls with the
+    energy, scattered by 1.12 error bars without this factor, 1.06 with it (20 independent batches).
     """
     deviations: np.ndarray = (upper - upper.sum() / lower.sum() * lower) / lower.mean()
     equal = 1.0 / FEWEST_BATCHES
@@ -320,11 +320,11 @@ def ratio_estimate(
     upper: np.ndarray,
     lower: np.ndarray,
     dimension: str,
-    nothing: str = "there was none",
+    nothing: str = "the denominator is 0",
     squares: np.ndarray | None = None,
     error_of: Callable = standard_error,
 ) -> Estimate:
-    """`ratio_of_sums` as a quantity of this dimension.
+    """Return `ratio_of_sums` as an `Estimate` of this dimension.
 
     Parameters
     ----------

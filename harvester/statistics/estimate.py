@@ -30,7 +30,7 @@ STARTS_CHARGED = "the output starts charged"
 NOT_STARTED = "the output did not start"
 # These reasons take precedence over `TOO_SHORT`.
 OF_THE_VALUE = (NO_VALUE, UNRESOLVED, ROUNDED_OFF, NO_OUTPUT, STARTS_CHARGED, NOT_STARTED)
-# Formats of text have fill, alignment and width alone. All others are formats of numbers.
+# Format specifications of text have only fill, alignment and width; all others are for numbers.
 OF_TEXT = re.compile(r"(.?[<>^])?([1-9]\d*)?s?")
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 

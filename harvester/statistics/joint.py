@@ -42,7 +42,7 @@ class JointHistogram:
         return cls(start, interval, counts, np.full(2, FINEST_BIN), np.full(3, np.nan))
 
     def add(self, record: Record) -> None:
-        """Sample one chunk of a record, in order."""
+        """Sample one chunk of a record; chunks must be consecutive."""
         points = record.time, record.displacement, record.velocity
         _add_samples(*points, self.latest, self.start, self.interval, self.counts, self.bin_widths)
 

@@ -26,7 +26,7 @@ class JointDensity:
     density
         Shape (n, m).
     standard_error
-        From the scatter among realizations, shape (n, m); None if these are too few, or none.
+        From the scatter among realizations, shape (n, m); None if these are too few.
     """
 
     displacement: np.ndarray

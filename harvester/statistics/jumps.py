@@ -77,7 +77,7 @@ class Jumps:
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
 
     def add(self, record: Record) -> None:
-        """Count the jumps in one chunk of a record, in order."""
+        """Count the jumps in one chunk of a record; chunks must be consecutive."""
         if record.time.size == 0:
             return
         self.well = add_jumps(

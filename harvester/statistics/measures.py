@@ -39,8 +39,8 @@ def estimate_measures(
 
     A loss gives `NAME_loss` and `NAME_loss_share`, an output `NAME_power` and `NAME_power_share`, a
     store `NAME_storage_power`. A state gives `NAME_time_share`, `NAME_first_time` (from the run's
-    beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`. If it takes a power, it also gives
-    the energy per event, `NAME_energy`. `error_of_change` is for stores.
+    beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`. A state that takes a power also
+    gives the energy per event, `NAME_energy`. `error_of_change` is for stores.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
@@ -117,7 +117,8 @@ def _event_energy(name, series, batches, moments, row, error_of):
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
         return
     times, energy = state[:, :, FALLS], series[:, :, INTEGRAL]
-    yield f"{name}_energy", ratio_estimate(energy, times, "energy", error_of=error_of)
+    energy_per_event = ratio_estimate(energy, times, "energy", "no event", error_of=error_of)
+    yield f"{name}_energy", energy_per_event
 
 
 _QUANTITIES = {

@@ -158,7 +158,7 @@ class Moments:
         return float(self.last[0])
 
     def add(self, record: Record) -> None:
-        """Accumulate one chunk of a record, in order."""
+        """Accumulate one chunk of a record; chunks must be consecutive."""
         if record.time.size == 0:
             return
         self.points += record.time.size
@@ -199,7 +199,7 @@ def add_points(
     first: np.ndarray,
     last: np.ndarray,
 ) -> None:
-    """Accumulate one chunk of a record, in order; for the parameters see `Moments`."""
+    """Accumulate one of a record's consecutive chunks; for the parameters see `Moments`."""
     count, before = record.time.size, last.copy()
     begin = np.int64(0)
     copy_point(record, count - 1, last)

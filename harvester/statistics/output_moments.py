@@ -44,7 +44,8 @@ class OutputMoments:
     stored
         Energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
     first
-        Time at which each measure first exceeded 0, including settling (s); NaN: never, or a level.
+        Time at which each measure first exceeded 0, including settling (s); NaN: never, or the row
+        is a level.
     latest
         Values of these rows at the latest point.
     passages
@@ -107,7 +108,7 @@ class OutputMoments:
         levels: Sequence[np.ndarray | None] = (),
         energy: np.ndarray | None = None,
     ) -> None:
-        """Accumulate consecutive points, in order.
+        """Accumulate consecutive points.
 
         Parameters
         ----------

@@ -127,7 +127,7 @@ def estimate_output(
             estimates[name] = Estimate(0.0, None, None, "voltage", UNRESOLVED)
     estimates |= _stored_energies(moments, time, error_of)
     storage = estimates["mean_storage_power"]
-    # The energy per hour is a forecast, so its error includes that of the path.
+    # The energy per hour is a forecast, so its error includes the error due to the single path.
     estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
@@ -171,8 +171,8 @@ def _per_hour(storage, stored, time):
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
-            f"stores charge unevenly: their power changes by {change:.0%} of the larger one "
-            f"between the halves of the measured {length:.3g} s, so an hour cannot be extrapolated"
+            f"stores charge unevenly: their mean powers in the halves of the measured {length:.3g} "
+            f"s differ by {change:.0%} of the larger one, so an hour cannot be extrapolated"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
     return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
@@ -200,8 +200,8 @@ def _stored_energies(moments, time, error_of):
 def step_sizes(estimates: dict[str, Estimate], measures: Sequence[Any] = ()) -> dict[str, float]:
     """Sizes of the powers whose differences these quantities are; empty without an output.
 
-    The step error of each power is a share of it, and a small difference of large powers has an
-    error of the same size.
+    The step error of a power is proportional to the power, and a small difference of large powers
+    has an error of the same size.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ from harvester.statistics.output_side import RATIOS, output_ratios
 from harvester.statistics.run_quantities import MEANS
 from harvester.statistics.well_balance import weighted, well_balance
 
-# Two paths visit the same wells if no batch's share of time differs by more than this. Jumps at the
-# same time differ by less in two engines, others by most of a batch.
+# Two paths visit the same wells if no batch's share of time differs by more than this. For jumps at
+# the same time the shares of two engines differ by less, for other jumps by most of a batch.
 SAME_WELLS = 0.01
 EFFICIENCY = "power_conversion_efficiency"
 # Quantities that are ratios of sums over batches, for which `deviations` is defined.

@@ -106,12 +106,12 @@ def efficiency_notes(
         return (
             f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
             f"{-delivered * power_scale:.3g} {unit} into its output, such as a constant-power sink "
-            "with a collapsed voltage: it demands more than the device delivers; reduce it",
+            "with a collapsed voltage: the sink demands more than the device delivers; reduce it",
         )
     if outside:
         return (
             f"not between 0 and 1: {', '.join(outside)}: energy stored before the measured time "
-            "was used in it; raise run.settle and run.duration",
+            "was used during it; raise run.settle and run.duration",
         )
     return ()
 
@@ -159,8 +159,8 @@ def source_notes(load: Any) -> tuple[str, ...]:
     sources = unbooked(load.elements) if load.has_output else load.sources
     kinds = (("sources", sources), ("values below 0", load.negative_parts))
     return tuple(
-        f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "
-        "deliver, if anything, counts as the piezo's"
+        f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): any "
+        "energy that they deliver counts as the piezo's"
         for kind, parts in kinds
         if parts
     )

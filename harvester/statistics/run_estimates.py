@@ -81,7 +81,7 @@ CHAOTIC = (
     "include that scatter; set run.starts = 100, which averages over starts, or take a longer "
     "record"
 )
-# Records more than this factor longer are not recommended, as slowly charging stores would need.
+# A record longer by more than this factor is not recommended, although slow stores would need it.
 LONGEST_ADVICE = 16.0
 # Minimum number of periods of a deterministic excitation for an error from their differences.
 FEWEST_PERIODS = 2
@@ -166,13 +166,13 @@ def run_estimates(
     error = error_over(memory)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(prepared_scene, moments)
-    # On a single path, means are conditional on the charge of slow stores that keep it.
+    # On a single path, means are conditional on the charge of slow stores, which hardly changes.
     drifts = scene.excitation.drifts
     longest = scene.run.duration / FEWEST_BATCHES if drifts else math.inf
     remembered = [s.memory for s in stores if s.memory <= longest or s.spread > SMALLEST_DRIFT]
     slow = memory + 0.5 * max(remembered, default=0.0)
     estimates = estimate_all(balanced, system, error)
-    if drifts:  # A rectifier ties the voltage to the charge of its stores.
+    if drifts:  # A rectifier couples the voltage to the charge of its stores.
         with_stores = estimate_all(balanced, system, error_over(slow))
         estimates |= {name: with_stores[name] for name in ("mean_square_voltage", "rms_voltage")}
     estimates |= estimate_output(balanced, error_over(slow), error_over(slow, change=True))
@@ -250,7 +250,7 @@ def _with_lengths(scene, moments, whole, memory):
         length = number(run.settle + duration, 2)
         note = f"too short for an error bar: a record of {length} s or more has one"
         if duration > LONGEST_ADVICE * run.duration:
-            note = "too short for an error bar: it changes slowly over the whole measured time"
+            note = "too short for an error bar: the value changes slowly over the measured time"
     return {
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
         for name, estimate in whole.items()

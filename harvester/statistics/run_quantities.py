@@ -105,7 +105,7 @@ def _mean(series, products, name, dimension, error_of):
         if size is not None and size < FEWEST_EFFECTIVE:
             error = size = None
     elif name == "time_in_well":
-        # It is always 0 or 1, and therefore equals its square.
+        # The averaged quantity is always 0 or 1, and therefore equals its square.
         size = independent_samples(mean, mean, error)
     return Estimate(mean, error, size, dimension, why_no_error(mean, error))
 

@@ -1,7 +1,7 @@
 """Whether a run is longer than the memory of its device and load, and whether its means drift.
 
-Realizations start at rest. Batch means do not detect what remains of the initial transient after
-`run.settle` in a mean over the measured time. If this exceeds the error bar, the error bar is
+Realizations start at rest. Batch means do not detect the part of the initial transient that remains
+after `run.settle`. If this part changes a mean by more than its error bar, the error bar is
 withheld, and a note names the relaxation time.
 
     0       settle                     settle + duration
@@ -66,7 +66,7 @@ QUANTITIES_OF_THE_CHARGE = (
     "mean_power",
     "power_conversion_efficiency",
     "power_conversion_efficiency_of_input",
-    # This quantity occurs in studies.
+    # Only studies have this quantity.
     "output_power",
 )
 QUANTITIES_OF_THE_OUTPUT = (
@@ -204,8 +204,8 @@ def _too_short(scene, time, what, share, names=None):
         )
     return Shortfall(
         f"{_lengths(run)} are too short for {what} of {time:.3g} s",
-        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
-        f"in them; raise run.settle to at least {settle:.2g} s{of_record}",
+        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing in "
+        f"the means; raise run.settle to at least {settle:.2g} s{of_record}",
         names,
     )
 
@@ -230,7 +230,7 @@ def _few_values(scene, time, what, names=None):
         return None
     return Shortfall(
         f"{_lengths(run)} are too short for {what} of {time:.3g} s",
-        f"{run.realizations} realizations contain about {values:.0f} independent values of it; "
+        f"{run.realizations} realizations contain about {values:.0f} independent values; "
         f"set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
         names,
     )
@@ -264,7 +264,7 @@ def _motion(scene, p, estimates):
             share = left(run.settle)
             if share <= bound:
                 return None
-            # The slowest decays may hardly affect the means: use the first one that suffices.
+            # The slowest decays may hardly affect the means: use the shortest time that suffices.
             times = sorted(1.0 / rates)
             slow = next(
                 (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
@@ -378,8 +378,8 @@ def _storage(scene, stores, estimates):
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
-            f"{away}steady state, which affects all means; raise run.settle{longest}, or start it "
-            "nearer to this state by ic=",
+            f"{away}steady state, which affects all means; raise run.settle{longest}, or start the "
+            "store nearer to this state by ic=",
         )
     if not scene.excitation.random:
         return None
@@ -443,7 +443,7 @@ def _residence(scene, p, moments, estimates, balance):
         + f", only {fewest:.0f} into or out of one of them"
         * bool(counts.sum()),
         "shares of time and quantities that depend on them are unknown; simulate "
-        f"{needed:.1g} s in all or longer (run.duration times run.realizations)"
+        f"{needed:.1g} s or more in total (run.duration times run.realizations)"
         + ", or average by fokker_planck" * averaged
         + "; the mass touched no stopper: without [stoppers] the wells are alike" * bool(untouched),
         names,
@@ -466,8 +466,8 @@ def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
     if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
         return ()
     return (
-        f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
-        "shares of time are computed from the balance of jump rates, not from the run; "
+        f"shares of time settle within {balance.exchange_time:.3g} s, but run.settle is "
+        f"{run.settle:g} s: they are computed from the jump rates, not from the run; "
         f"with run.settle = {SETTLED * balance.exchange_time:.2g} both agree",
     )
 

@@ -76,7 +76,7 @@ def store_states(prepared_scene: Prepared, moments: Sequence[Moments]) -> list[S
     mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
     matrix = _matrix(prepared_scene, dict(zip(names, mean, strict=True)))
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
-    # Converted to volts, the unit of the levels.
+    # The rms terminal voltage in volts, the unit of the levels.
     volts = prepared_scene.scales.voltage * math.sqrt(max(float(square), 0.0))
     levels = _Levels(series, time, mean, LEAST_HELD * volts, prepared_scene.scene.excitation.random)
     held = np.array([weights(store, names) for store in load.stores])
@@ -113,7 +113,7 @@ def _state(store, levels, ends, matrix, times):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # A voltage that oscillates about 0 has no mean.
+    # A voltage that oscillates about 0 has no steady mean.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf

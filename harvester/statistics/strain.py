@@ -69,7 +69,7 @@ def _peak(peaks, dimension, excitation, error_of):
         return Estimate(float(highest[0]), None, None, dimension, ONE_PEAK)
     from scipy.stats import t as student
 
-    # For few realizations the error is widened, so that two of them have the normal coverage.
+    # For few realizations the error is widened, so that ± two errors have the normal coverage.
     wider = float(student.ppf(0.975, count - 1)) / TWO_SIDED
     error = float(highest.std(ddof=1)) / math.sqrt(count) * wider
     return Estimate(float(highest.mean()), error, float(count), dimension)

@@ -38,7 +38,7 @@ class Stroboscope:
         self._last: np.ndarray | None = None
 
     def add(self, record: Record) -> None:
-        """Sample one chunk of a record, in order."""
+        """Sample one chunk of a record; chunks must be consecutive."""
         if record.time.size == 0 or self._next == self.times.size:
             return
         if record.time[-1] < self.times[0]:

@@ -156,8 +156,8 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     def with_settling(name):
         # A start at rest resembles an arrival by a jump: both are far from the energy at which the
         # well is left. If the time in a well began at the end of settling, it would be too short by
-        # a relaxation time. Therefore the sums before the first batch (the last ones) are added to
-        # it.
+        # a relaxation time. Therefore the sums before the first batch (the last row) are added to
+        # the first batch.
         sums = np.stack([getattr(m.jumps, name) for m in moments])
         sums[:, 0] += sums[:, -1]
         return sums[:, :count].copy()

@@ -21,8 +21,8 @@ from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.strain import without_line
 
-# Number of starts drawn at an optimum without noise. Missing an orbit that a quarter of them reach
-# has a probability of 1 %.
+# Number of random starts at an optimum without noise. An orbit that a quarter of all starts reach
+# is missed with a probability of 1 %.
 STARTS = 16
 
 SPENT = "time budget spent: with an output folder, repeat the command or call to continue"
@@ -115,7 +115,7 @@ def missing_from(quantity: str, estimate: Estimate) -> list[str]:
 
 
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:
-    """Scenes with the finest knot spacing among them, so that they have common noise.
+    """Scenes with the finest of their knot spacings, so that all have the same noise.
 
     `of`: scenes that determine the finest spacing; None: the scenes themselves.
     """

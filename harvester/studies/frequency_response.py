@@ -56,10 +56,10 @@ SETTLED_SHARE = 1e-4
 # Longest waiting time for a load's store at a frequency, in periods of the lowest frequency. A
 # slower store may still be charging.
 MOST_PERIODS = 20_000
-# Maximum number of knots of the sine at one frequency. No run with more would end.
+# Maximum number of knots of the sine at one frequency. A run with more would take too long.
 MOST_KNOTS = 1e10
-# Number of measured periods of the lowest frequency. The change from their first half to their
-# second half is the residual.
+# Number of measured periods of the lowest frequency. The residual is the change from the first half
+# of these periods to the second.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
 # Index of the residual among the quantities of a direction.
@@ -102,8 +102,8 @@ class FrequencySweep:
     residual
         Relative change of the mean-square voltage from the first half of the measured periods to
         the second: a remaining transient, or aperiodic motion. For a store slower than
-        `MOST_PERIODS`, the estimated missing share; above `NOTED_RESIDUAL` the store is still
-        charging, and the other quantities are NaN.
+        `MOST_PERIODS`, the estimated change still to come; above `NOTED_RESIDUAL` the store is
+        still charging, and the other quantities are NaN.
     step_error
         Relative error of the power due to the step; NaN if the engine chooses the steps.
     """
@@ -230,7 +230,7 @@ class FrequencyResponse(ResultBase):
         ]
         lines.append(
             "residual: share by which the mean-square voltage changes from the first half of the "
-            "measured periods to the second; the power is not more accurate"
+            "measured periods to the second; the power's error is at least as large"
         )
         costs = np.concatenate([sweep.step_error for sweep in self.sweeps])
         if np.isfinite(costs).any():
@@ -359,7 +359,7 @@ def one_direction(
     Returns
     -------
     list of tuple, str, float
-        The scaled quantities of `FrequencySweep` in order, at each frequency; the engine's version;
+        The scaled quantities of `FrequencySweep`, at each frequency; the engine's version;
         processor time (s).
     """
     chosen = engine_of(engine, step=step, **settings or {})
@@ -447,10 +447,10 @@ def quantities_of(scene: Scene) -> list[str]:
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
     """Quantities to show, by default the usual ones and those of the output.
 
-    Raises HarvesterError for an unknown quantity, or per g in a scaled scene.
+    Raises HarvesterError for an unknown quantity, or if `per_g` is requested in a scaled scene.
     """
     if per_g and scene.units != "SI":
-        raise HarvesterError(f'{scene.name}: --per-g: is not available with units = "scaled"')
+        raise HarvesterError(f'{scene.name}: --per-g: needs units = "SI", not "scaled": omit it')
     chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]', str)
     available = quantities_of(scene)
     usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))

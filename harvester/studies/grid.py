@@ -55,7 +55,7 @@ class Grid:
     sweeps
         The swept values by key.
     points
-        The points in order: the load varies slowest, the last sweep fastest.
+        The points, of which the load varies slowest and the last sweep fastest.
     """
 
     scene: Scene
@@ -110,7 +110,7 @@ def make_grid(
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
-            raise HarvesterError(f"--load {label}: occurs twice")
+            raise HarvesterError(f"--load {label}: occurs twice: remove one")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, any_key, loaded)
@@ -123,7 +123,7 @@ def make_grid(
     netlists = ", ".join(label for label in labels if loaded[label].load.netlist)
     if RESISTANCES[1] in sweeps and netlists:
         notes += (f"{RESISTANCES[1]} sets {RESISTANCES[0]} of {netlists}",)
-    # One spacing of knots for the scene too, which keeps its own load and values.
+    # The scene itself also gets the common knot spacing; its load and values are unchanged.
     given, *points = _on_common_knots([GridPoint("", (), scene), *points])
     swept = {
         key: tuple(v if isinstance(v, str) else float(v) for v in values)
@@ -161,7 +161,7 @@ def _check_sweep(scene, key, values, any_key, loaded):
         if not (any_key and not listed and isinstance(value, str)):
             real_numbers([value], f"{option} {key}", "[0.1, 0.2]")
     if len(values) == 0 or len(set(values)) < len(values):
-        raise HarvesterError(f"{option} {key}: give each value once, and at least one")
+        raise HarvesterError(f"{option} {key}: give at least one value, and none twice")
     if len(loaded) > 1:
         _check_shared(f"{option} {key}", key, values[0], loaded)
 
@@ -187,7 +187,7 @@ def _check_shared(where, key, value, loaded):
 
 
 def _at(scene, values):
-    """The scene with these values; a resistance key is translated to the one that the load uses."""
+    """The scene with these values; a resistance key is replaced by the key that the load uses."""
     changes = {}
     for key, value in values.items():
         if key in RESISTANCES:
@@ -204,7 +204,7 @@ def _at(scene, values):
 def _with_storage(points):
     """Reduce storage capacitors of built-in loads so that they charge while a run settles.
 
-    A value given by the user is kept. The default of 10 µF would take minutes at 10 MΩ.
+    A value given by the user is kept. The default of 10 µF takes minutes to charge at 10 MΩ.
     """
     changed = []
     for k, point in enumerate(points):

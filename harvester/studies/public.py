@@ -305,7 +305,9 @@ def spectrum(
         for option, value in {"device": device, "column": column, "unit": unit}.items():
             if value is not None:
                 of_scene = getattr(source, "name", source)
-                raise HarvesterError(f"{option}: is for a record, but {of_scene} is a scene")
+                raise HarvesterError(
+                    f"{option}: is for a record, but {of_scene} is a scene: omit {option}"
+                )
         return work.of_scene(scene_of(source), duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is analysed completely")
@@ -517,7 +519,7 @@ def sensitivity(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene; each device has its [run], with half of the realizations for each of two
+        The scene; its [run] applies to every device, with half of the realizations for each of two
         replicates.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
@@ -571,7 +573,9 @@ def sensitivity(
         axes = directions(scene, covariance)
         for key in varied:
             if axes and key in axes[0].centre:
-                raise HarvesterError(f"--vary {key}: the covariance already contains its scatter")
+                raise HarvesterError(
+                    f"--vary {key}: the covariance already contains its scatter: omit --vary {key}"
+                )
         tolerances += axes
     if not tolerances:
         raise HarvesterError(
@@ -692,8 +696,8 @@ def optimum(
     maximise = maximise or _power_of(scene)
     limited = scene.beam is not None and scene.beam.strain_limit is not None
     chosen = checked_method(scene, method)
-    # A maximum on a limit has no peak to which a curve can be fitted, and a closure has no noise:
-    # both use the search for several parameters.
+    # A maximum at the strain limit has no peak to which a curve can be fitted, and a closure has no
+    # noise: both use the search for several parameters.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
     if evaluations is not None and is_one:
         raise HarvesterError("--evaluations: is for several parameters, a second --over")

@@ -1,4 +1,4 @@
-"""Spectral density of an excitation or a record, tests of its kind, and a test specification."""
+"""Spectral density of a scene or record, tests for a stationary Gaussian, and a specification."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ STRETCHES = 32
 HANN_BINS = 1.5
 # A specification ends where the density falls below this share of its maximum.
 FAINTEST = 1e-4
-# Quality factor of the device whose power a specification preserves; it then also preserves that of
-# devices with wider resonances. If the given device's resonance is wider, the findings are on it.
-# Number of steps per width of the resonance, and their minimum total number.
+# Quality factor of the device whose power a specification preserves, which also preserves the power
+# of devices with wider resonances. If the given device's resonance is wider, the findings are for
+# the given device. Number of steps per resonance width, and minimum total number of steps.
 QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
-# Minimum ratio of that width to the resolution. At 2, a record's power from the lines differed by
-# up to 10 % from that of its periodogram, at 4 by up to 5 %.
+# Minimum ratio of that width to the resolution. At 2, the power under the straight lines differed
+# by up to 10 % from that under the record's periodogram, at 4 by up to 5 %.
 BINS_OF_WIDTH = 4.0
 # Number of corrections of the densities after each breakpoint, the difference of power (log) at
-# which no further breakpoint is needed, and the difference from which it is noted.
+# which no further breakpoint is needed, and the smallest difference that is noted.
 CORRECTIONS, ALIKE, NOTED_DEPARTURE = 20, 0.02, 0.05
 CONFIDENCE = 0.95
 
@@ -108,14 +108,14 @@ def _analysed(
 ):
     """Analyse values that come in blocks, so that the memory does not grow with the duration.
 
-    `profiled` is the basis of the specification, if it is known without the values.
+    `profiled` is the density for the specification, if it is known without the values.
     """
     from scipy.integrate import cumulative_trapezoid
 
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
     if not density.max() > 0.0:
-        raise HarvesterError(f"{name}: the density is 0: there is no excitation")
+        raise HarvesterError(f"{name}: the density is 0: check the level of the excitation")
     if not profiled:
         # Long segments are used: a device averages over its resonance, so that resolution matters
         # more than the scatter of each value.
@@ -128,7 +128,7 @@ def _analysed(
     fine, values, bandwidth = profiled
     centre, width = _resonance(scene) or (0.0, 0.0)
     quality = min(QUALITY, centre / width) if width > 0.0 else QUALITY
-    # A line near the band must not leak into it, so that the share is of the finer density.
+    # The share is computed from the finer density, so that a line near the band does not leak in.
     gathered = cumulative_trapezoid(values, fine, initial=0.0) / np.trapezoid(values, fine)
     low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], fine, gathered)
     points, departure = profile(fine, values, breakpoints, bandwidth, quality)
@@ -228,8 +228,8 @@ def profile(
 
     At each frequency the power of a device of quality factor 100 under the lines is compared with
     that under the density. Each further breakpoint is placed at the largest difference relative to
-    the scatter due to the record's finite length. Then all breakpoints are corrected by their
-    ratios.
+    the scatter due to the record's finite length. Then all breakpoints are corrected by the ratios
+    of these powers.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def profile(
     resolution
         Bandwidth of the density (Hz).
     quality
-        Quality factor of the device whose departure is returned.
+        Quality factor of the device whose difference of power is returned.
 
     Returns
     -------
@@ -350,7 +350,7 @@ class SpectrumAnalysis(ResultBase):
     band_share
         Share of the power within the half-power width of the scene's device.
     band_resolution
-        Bandwidth of the density that this share is of (Hz).
+        Bandwidth of the density from which this share is computed (Hz).
     """
 
     name: str

@@ -35,7 +35,7 @@ BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Most panels in a row that has one for each point of the other keys, and their size (inches).
+# Maximum number of panels in a row, one per point of the other keys, and their size (inches).
 MOST_COLUMNS, SMALL = 6, (2.3, 2.2)
 # Horizontal distance in points between the markers of two engines at the same point.
 APART = 6.0
@@ -190,7 +190,7 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """Point of the highest first quantity, by engines, or by closures if no engine ran."""
+        """Point with the largest first quantity, by engines, or by closures if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:
@@ -270,7 +270,7 @@ def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
 
 
 def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
-    """The cells of a sweep from the answers, for every point and method in order.
+    """The cells of a sweep from the answers for every point and method (varying fastest).
 
     They contain the answers' quantities, and the requested roots of mean squares.
     """

@@ -126,7 +126,7 @@ class Accuracy(ResultBase):
         return f"bias of the circuit's default step: {verdict} 1 %"
 
     def _of_the_circuit(self):
-        """Rows with biases of the circuit as it is by default, with any step."""
+        """Rows with biases of the circuit with default settings, at any step."""
         kinds = ((row, (row.method.source, row.method.scheme)) for row in self.rows if row.bias)
         return [row for row, kind in kinds if kind == ("external", "trapezoidal")]
 
@@ -180,7 +180,7 @@ class Accuracy(ResultBase):
             "the restarts of a PWL run",
             f"bias: against {self.reference.family} ({self.longest_step(self.reference):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
-            f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
+            f"{answer.simulated_time / answer.realizations:g} s, fewer and shorter in a brief run",
             *[
                 "bias of a closure: ± covers its numerical and the reference's sampling error; its "
                 "time is that of `average`, with all densities"
@@ -220,7 +220,7 @@ class Accuracy(ResultBase):
         return [
             *lines,
             "this run is too short to show that any step keeps every bias below 1 %: raise "
-            "run.duration, or thorough runs",
+            "run.duration, or use --thorough",
         ]
 
     def to_dict(self) -> dict[str, Any]:

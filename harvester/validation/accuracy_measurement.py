@@ -285,7 +285,7 @@ def measure(
     # With a load other than a resistor there is only one variant of the circuit.
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
     if methods is None and not with_load:
-        # It runs alone, since other tasks would distort the measured times.
+        # This measurement runs alone, since other tasks would distort the measured times.
         speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
@@ -361,7 +361,7 @@ def _row(method, run, path_errors, reference, answer, scatter, settling):
 
 
 def _brief_scene(model, realizations):
-    """The scene of brief runs: half of each, or at most `run.settle`, is settling."""
+    """The scene of brief runs: half of each run, but at most `run.settle`, is settling."""
     scene = model.scene
     half = BRIEF_KNOTS // 2 * knot_spacing(model)
     changes = {

@@ -287,10 +287,10 @@ def _opinion(scene, claim, method, answers):
     if test.of_orbits:
         return opinion_of(test.findings(scene))
     if test.compares and method == "monte-carlo":
-        return Opinion(UNTESTED, reason="Monte Carlo is the reference of the others")
+        return Opinion(UNTESTED, reason="Monte Carlo is the reference of the other methods")
     methods = (method, "monte-carlo") if test.compares else (method,)
     reads = [lambda changes, m=m: answers.get((m, tuple(sorted(changes)))) for m in methods]
     findings = [f for condition in claim.conditions for f in test.findings(condition, *reads)]
     if not findings:
-        return Opinion(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
+        return Opinion(UNTESTED, reason="no answers: not run, refused, or no such quantity")
     return opinion_of(findings)

@@ -132,7 +132,7 @@ def ideal_load_power(
     kind: str, coupling: float, capacitance: float, amplitude: float, frequency: float,
     resistance: float, quality: float = 1.0,
 ) -> float:  # fmt: skip
-    """Power of a load on a piezo in prescribed motion (SI): θ, C; u sin 2πft; R.
+    """Power of a load R on a piezo (θ, C) in the prescribed motion u sin 2πft (SI).
 
     Parameters
     ----------

@@ -30,8 +30,9 @@ from harvester.scene.steps import knot_spacing
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
 from harvester.validation import entries, formulas, tasks
 
-# Averaged periods of a measured device's run; a rectifier's storage capacitor has a time constant
-# of 10. The paper does not state it; its ripple changes the power by less than 0.1 %.
+# Number of averaged periods in a measured device's run, and time constant of a rectifier's storage
+# capacitor in periods. The paper does not state the latter; the ripple changes the power by less
+# than 0.1 %.
 PERIODS, STORED = 100.0, 10.0
 
 
@@ -128,7 +129,7 @@ def _by_formula(values, scene):
 
 
 def _lost(values, scene):
-    """Relative loss by interpolation between knots: in density, and by the device's memory."""
+    """Relative loss by interpolation between knots: of noise density, and by damping in between."""
     if values.get("noise") == "coloured":
         # Linear interpolation lowers the variance of the noise by 1/120.
         return 1.0 / 120.0
@@ -203,6 +204,6 @@ def _set(entry):
         limits = entry["time_limits"]
         question = Task(getattr(tasks, entry["task"]), call, "", entry["task"], limits)
     elif name:
-        question = ProgramNotFound(f"{entry['variable']} = {name}: not the set; {entry['cure']}")
+        question = ProgramNotFound(f"{entry['variable']} = {name}: other data; {entry['cure']}")
     names = ("title", "source", "exact", "allowance", "unit", "device")
     return Truth(asked={"identify": question}, **{name: entry[name] for name in names})

@@ -59,8 +59,8 @@ class FigurePanel:
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int
-        Monte Carlo points of a curve with and without --quick; without it lines have one more
-        between any two.
+        Monte Carlo points of a curve with and without --quick. Without --quick, lines have a
+        further point between any two.
     """
 
     swept: str
@@ -71,18 +71,18 @@ class FigurePanel:
     full: int = 7
 
     def values(self, quick: bool) -> tuple[list[float], list[float]]:
-        """(of the closures, of Monte Carlo): the second are among the first."""
+        """Values for closures, and for Monte Carlo; the latter are among the former."""
         number = self.quick if quick else self.full
         simulated = np.linspace(self.first, self.last, number)
         lines = simulated if quick else np.linspace(self.first, self.last, 2 * number - 1)
-        # Rounded in their last bits, so that curves with equal scenes share them.
+        # Values are rounded in their last bits, so that curves with equal scenes share points.
         closures, simulations = ([float(f"{v:.12g}") for v in some] for some in (lines, simulated))
         return closures, simulations
 
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """One figure; each of its `quantities` has a row of panels; empty for densities."""
+    """One figure with a row of panels for each of `quantities`, which is empty for densities."""
 
     title: str
     panels: tuple[FigurePanel, ...]

@@ -66,8 +66,8 @@ LEAST_OF_STIFF_CONTACTS = 1e-2
 # Share of the step error that may remain after extrapolation.
 LEFT_OF_STEP_ERROR = 0.25
 
-# Steps of the replay integrator per engine step, without and with stoppers, for which it does not
-# shorten its steps.
+# Steps of the replay integrator per engine step, without and with stoppers. The integrator does not
+# shorten them in a contact.
 REPLAY_STEPS, REPLAY_STEPS_IN_CONTACT = 2, 8
 
 

@@ -117,7 +117,7 @@ def _stoppers(scene, values):
     if not scene.stoppers:
         if values.keys() == {"impact_velocity"}:
             raise SceneError(
-                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+                f"{scene.name}: the case varies impact_velocity, but the scene has no stoppers"
             )
         values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
     length, mass = _units(scene)
@@ -180,7 +180,7 @@ def _scene_value(scene, name, value):
 def _monostable(oscillator):
     """The spring with only its odd powers, all with positive coefficients."""
     if oscillator.force_table is not None:
-        raise SceneError("the case monostable needs a polynomial spring, not a force_table")
+        raise SceneError("the case monostable needs a polynomial spring: replace force_table")
     if oscillator.restoring_force is None:
         return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
     powers = enumerate(oscillator.restoring_force)

@@ -224,9 +224,9 @@ class OppositeTrends(StatementTest):
     """The quantity `other` rises if `quantity` falls, over ranges of some keys."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """The other's change, for the statement when it is against the first one's.
+        """Change of `other`, which supports the statement if it is opposite to that of `quantity`.
 
-        Its significance is that of the less certain sign.
+        The significance is that of the less certain sign.
         """
         changes = self.changes(condition, read, self.ranges, self.other)
         others = {where: change for _, where, change in changes}

@@ -76,9 +76,9 @@ def measure(
 ) -> list[Throughput]:
     """Measure every variant of a scene's circuit; the best of `repeats` measurements is used.
 
-    The first is a source in the netlist, the second one realization with the external source, both
-    with one knot as the longest step; the others have the default step. The ratio of two processes
-    to one needs two workers.
+    The first variant is a source in the netlist, the second one realization with the external
+    source, both with one knot as the longest step; the others have the default step. The ratio of
+    two processes to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
     spacing = knot_spacing(model)

@@ -151,7 +151,7 @@ def _without_answer(outcome):
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:
-        return CaseVerdict(UNFINISHED, "the time budget ended before it")
+        return CaseVerdict(UNFINISHED, "the time budget was spent before this case")
     if isinstance(outcome, SimulatorTimeout):
         return CaseVerdict(UNFINISHED, str(outcome))
     if isinstance(outcome, REFUSALS):

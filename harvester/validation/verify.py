@@ -295,7 +295,7 @@ def summary(rows: Sequence[TruthRow]) -> str:
 
 
 def _by_device(rows):
-    """The rows by device, in order."""
+    """The rows by device, in their original order."""
     grouped: dict[str, list[TruthRow]] = {}
     for row in rows:
         grouped.setdefault(row.truth.device, []).append(row)

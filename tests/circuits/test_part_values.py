@@ -46,7 +46,7 @@ def test_a_value_below_zero_is_noted_where_it_does_not(tmp_path, pool, engine):
     scene = scene_with(tmp_path, "R1 p a -1k\nR2 a n 100k")
     result = simulate(scene, method=engine, workers=1, runner=pool)
     (note,) = (note for note in result.notes if "counts as the piezo's" in note)
-    assert re.match(r"the load has values below 0 \(r1 \(load\.lib:2\)\): what they", note)
+    assert re.match(r"the load has values below 0 \(r1 \(load\.lib:2\)\): any energy", note)
 
 
 def scene_with(tmp_path, body):

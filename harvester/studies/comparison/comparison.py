@@ -53,7 +53,7 @@ LIMITS = {
     "consistent": "it assumes motion in one well and neglects the slow voltage after "
     "a jump between wells",
 }
-# A quantity that a method does not give.
+# Placeholder for a quantity that a method does not compute.
 _NOTHING = Estimate(math.nan, None, None, "1")
 # Number of periods of small oscillations in the waveform.
 SHOWN_PERIODS = 20
@@ -97,7 +97,7 @@ class Comparison(ResultBase):
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in combined standard errors; NaN without error bars.
 
-        The two are treated as independent, which is conservative for common noise.
+        The engines are treated as independent, which is conservative for common noise.
         """
         a, b = (_scaled(result, name) for result in self._engines())
         if a.standard_error is None or b.standard_error is None:
@@ -108,7 +108,7 @@ class Comparison(ResultBase):
         return (a.estimate - b.estimate) / joint
 
     def share(self, name: str) -> float:
-        """(Circuit − Monte Carlo)/Monte Carlo of a mean; NaN if Monte Carlo's is 0."""
+        """(Circuit − Monte Carlo)/Monte Carlo of a mean; NaN if the Monte Carlo mean is 0."""
         a, b = (_scaled(result, name).estimate for result in self._engines())
         return a / b - 1.0 if b else math.nan
 
@@ -277,9 +277,9 @@ class Comparison(ResultBase):
         checked = ", ".join(words(name) for name in sigmas if name not in unsharp)
         if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {NEGLIGIBLE_SHARE:.0%} in {checked}"
-            small = "significant, but below that limit, and may be due to the steps"
+            small = "significant, but below that limit, and may be due to the time steps"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
-        # Deterministic runs may have a difference of 0.
+        # The difference of deterministic runs may be 0; the text states at least 0.1.
         worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         biases = {n: b for n, b in self.paired.items() if n in sigmas and b.standard_error}
@@ -330,7 +330,7 @@ class Comparison(ResultBase):
         ]
 
     def _reasons_without_error_bar(self, name):
-        """The first engine's reason, if it has one."""
+        """One reason for the missing error bar, from the first engine that has a note."""
         notes = [_scaled(result, name).note for result in self._engines()]
         return [note for note in notes if note][:1]
 

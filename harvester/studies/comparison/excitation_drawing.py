@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Maximum number of a path's knots for the spectrum, and number of segments.
 MOST_KNOTS, SEGMENTS = 2**18, 32
-# The density is drawn above this share of its peak; below it is the leakage of a sine.
+# Densities below this share of the peak are not drawn: they are leakage of a sine.
 LEAST_SHARE = 1e-8
 
 

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 LEGEND = (
     "± one standard error, or a closure's numerical error; in brackets its deviation from Monte "
     "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
-    "Monte Carlo in joint standard errors σ. Paired relative bias: the same as a share, on common "
-    "noise."
+    "Monte Carlo in joint standard errors σ. Paired relative bias: (circuit − Monte Carlo)/Monte "
+    "Carlo on common noise."
 )
 JOINT_CAPTION = (
     "Displacement and velocity together, on the same grid and colour scale; dots: wells, crosses: "
@@ -57,7 +57,7 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
     legend = [LEGEND, *definitions(comparison.compared)]
     text = html.escape(assemble(comparison.circuit.prepared_scene).text)
     netlist = (
-        "<details><summary>the elements as ngspice reads them, with the noise from outside"
+        "<details><summary>netlist as ngspice reads it; an external source supplies the noise"
         f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'
         "</pre></div></details>"
     )

@@ -87,7 +87,7 @@ def optimum_of(
         return CurveOptimum(best, note=EDGE)
     near = [best - 1, best, best + 1]
     if not (heights[near] > 0.0).all():
-        return CurveOptimum(best, note="a neighbour is not ranked: no interval")
+        return CurveOptimum(best, note="a neighbouring point is not ranked: no interval")
     logarithmic = min(positions) > 0.0
     axis = np.log(positions) if logarithmic else np.asarray(positions, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))
@@ -98,7 +98,7 @@ def optimum_of(
         error = error_of_sum(gradient, [runs / runs.mean() for runs in runs_near])
     convert = np.exp if logarithmic else float
     falls = {k: _falls(series, k, best) for k in range(len(positions)) if k != best}
-    # Beyond a point that is lower the curve falls further: the errors there do not matter.
+    # The curve falls further beyond a significantly lower point, so errors there do not matter.
     sides = (range(best - 1, -1, -1), range(best + 1, len(positions)))
     ends = [next((falls[k] for k in side if falls[k] is not False), False) for side in sides]
     if error is None or None in ends:
@@ -142,8 +142,8 @@ def rank(
 def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> float | None:
     """Standard error of a weighted sum of means on common noise.
 
-    The first realizations of all series have the same noise. If their numbers differ, only the
-    noise of the common ones cancels.
+    The first realizations of all series have the same noise. If the numbers of realizations differ,
+    only the noise of the common realizations cancels.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
         covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
         shared = count**2 / (counts[i] * counts[j])
         variance += 2.0 * weights[i] * weights[j] * covariance * shared
-    # The estimated parts of the variance may add up to too little. This is the minimum for these
-    # numbers of realizations.
+    # The sum of the estimated parts of the variance may be too small. The second argument is its
+    # minimum for these numbers of realizations.
     return math.sqrt(max(variance, together**2 * min(counts) / max(counts)))
 
 
@@ -194,7 +194,7 @@ def _vertex(x, y):
 
 
 def _maxima(axis, heights, best, vertex):
-    """Positions of the maximum of ln P by the parabola, the quartic and a kink beside `best`.
+    """Positions of the maximum of ln P by the parabola, the quartic and a kink near `best`.
 
     The quartic and the kink need five points. A kink bends the curve at one point alone: it is
     where the straight lines through the two points on its left and the two on its right meet. If

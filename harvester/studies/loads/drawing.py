@@ -127,7 +127,7 @@ def _finish(study, other, draw_extra, curves, axes):
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
-        # Points are drawn alike in every figure, and explained in the legend.
+        # Hollow points mean the same in every figure; the legend explains them.
         axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")
     draw_extra(study, other, axes)
 
@@ -169,7 +169,7 @@ def _draw_optima(study, other, axes):
             ends = [optimum.low, optimum.high]
             axes.plot(ends, [height] * 2, color=colour, linewidth=2.0, transform=where)
             axes.plot([optimum.place], [height], "|", color=colour, transform=where)
-            # Explained once, in the legend below.
+            # One entry of the legend explains all bars.
             axes.plot([], [], "-|", color="0.3", lw=2.0, label="bar at the bottom: optimum, 95 %")
 
 

@@ -95,7 +95,7 @@ class Evaluation(Cell):
             names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
             return f"{names} in the load supplies the output's whole power: nothing is harvested"
         if fed_by_stores(self.estimates):
-            return "its stores supply part of the output: raise run.settle or run.duration"
+            return "the load's stores supply part of the output: raise run.settle or run.duration"
         return "no power reaches its output" if self.power <= 0.0 else ""
 
     @property

@@ -36,7 +36,7 @@ from harvester.studies.loads.evaluation import Evaluation, series_of
 
 # Number of realizations at one point by both engines: of full length, and of the first periods.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
-# The early power is compared if it is at least this share of the settled one, since only leakage
+# The early power is compared if it is at least this share of the settled power, since only leakage
 # reaches the output before a store is charged.
 LEAST_EARLY_SHARE = 1e-3
 
@@ -50,7 +50,7 @@ class Proof:
     place
         Index of the point in the grid.
     highest
-        Whether it is its curve's highest point, rather than a random one.
+        Whether the point is the highest of its curve, rather than a random one.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; NaN if it cannot
         be computed.
@@ -192,10 +192,10 @@ def _difference(prepared_scene, costs, ours, theirs):
 
 
 def _of_few(realizations):
-    """Student's quantile over the normal one, at the probability of `SIGNIFICANT_SIGMAS`.
+    """Ratio of Student's quantile to the normal one, at the probability of `SIGNIFICANT_SIGMAS`.
 
-    Batches of one realization may be correlated, so the degrees of freedom are those of
-    realizations.
+    Batches of one realization may be correlated, so the degrees of freedom are the number of
+    realizations minus 1.
     """
     least = max(realizations - 1, 1)
     return float(stdtrit(least, ndtr(SIGNIFICANT_SIGMAS))) / SIGNIFICANT_SIGMAS

@@ -63,9 +63,9 @@ DURATION_OVER_SETTLE = 4.0
 COLUMNS = (
     "columns: output power (harvested), efficiency and realizations belong to the highest "
     "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
-    "neighbours; interval: of that maximum, 95 %, with those of other curves through five points"
+    "neighbours; interval: 95 % for this maximum, widened to maxima of other curves (five points)"
 )
-# Most curves that a headline names as equal to the highest.
+# Maximum number of curves that a headline names as equal to the highest.
 MOST_NAMED = 3
 EQUAL = "not significantly more than from"
 UNKNOWN = "by a lead without an error bar over"
@@ -193,7 +193,7 @@ class LoadStudy(ResultBase):
 
     @cached_property
     def _curve_names(self):
-        """The curves: their names, and where they are in `curves`."""
+        """Name of each curve, and its index in `curves`."""
         return {
             f"{load} at {words}" if words else load: (k, *other)
             for other, words in self.others()
@@ -314,9 +314,9 @@ class LoadStudy(ResultBase):
             lines.append(
                 f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
                 f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
-                + f"; for the precision, each measures at most "
+                + f"; to reach the precision, each realization measures at most "
                 f"{DURATION_OVER_SETTLE:g} times run.settle, "
-                "and their number grows" * bool(self.precision)
+                "and their number is increased" * bool(self.precision)
             )
         lines.append(
             f"{self.computed} tasks computed, {self.reused} reused; {self.wall_seconds:.0f} s"
@@ -368,7 +368,7 @@ class LoadStudy(ResultBase):
         return ", ".join(value_words(key, value, self.scene.units) for key, value in values)
 
     def _headline(self) -> str:
-        """The best load with its power and optimum, and equal ones."""
+        """The best load with its power and optimum, and loads of equal power."""
         order, differences = self.ranked_curves
         if not order:
             return "no load has an output power"

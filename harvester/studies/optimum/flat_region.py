@@ -46,7 +46,7 @@ class FlatSide:
 def climb(objective: Objective, point: tuple, stage: int) -> tuple[tuple, Any, list]:
     """Climb to a point that no other point along an axis exceeds, and measure its flat region.
 
-    `place`: coordinates of the start; `stage`: number of the noise stream. Returns the point, its
+    `point`: coordinates of the start; `stage`: number of the noise stream. Returns the point, its
     answer, and (FlatSide below, FlatSide above) for each axis.
     """
     (answer,) = objective.answers([point], stage, moments=True)
@@ -110,7 +110,7 @@ class _Ray:
         return FlatSide(self.at(inside)[self._axis], outside is None)
 
     def _edge(self):
-        """The last flat share before the first one that is not flat, and this one or None."""
+        """The last flat share of the ray, and the first share that is not flat, or None."""
         inside = 0.0
         for reach in sorted(self.flat):
             if not self.flat[reach]:

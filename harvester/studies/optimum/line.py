@@ -360,7 +360,7 @@ class CubicFit:
         −1 or 1: the end at which the value is not significantly below that of the point nearest to
         the maximum; 0: there is none.
     noisy_ends
-        Whether longer runs could make this fall significant.
+        Whether longer runs could make the fall to this end significant.
     unknown
         Whether an error that decides on the maximum is not known.
     """

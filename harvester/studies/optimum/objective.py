@@ -24,7 +24,7 @@ from harvester.studies.answers import (
 )
 from harvester.studies.optimum.axis import Axis
 
-# A value within this number of its standard errors of 0 counts as 0.
+# A value counts as 0 if its distance from 0 is at most this number of standard errors.
 NOTHING_SIGMAS = 2.0
 NOTHING = (
     "so it cannot be optimised. Check the excitation (level, frequency) and the load: a "

@@ -20,8 +20,8 @@ Gaussian process, scikit-optimize     —        0.3, 0.4 %   —            50 
 extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 for 200 points
 ====================================  =======  ===========  ===========  =================
 
-A Gaussian process is better in few evaluations of a smooth function, but takes half a second for
-each (only two searches of 80 were measured); Optuna's needs PyTorch. The climb of
+A Gaussian process is better in few evaluations of a smooth function, but takes half a second per
+evaluation (only two searches of 80 were measured); Optuna's needs PyTorch. The climb of
 `harvester.studies.optimum.flat_region` then corrects the remaining loss.
 """
 

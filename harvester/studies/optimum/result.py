@@ -410,10 +410,10 @@ def _draw_bounds(optimum, parameter, factor, axes):
     low, high, label = (
         parameter.flat_low,
         parameter.flat_high,
-        f"within {FLAT_SHARE:.0%}, the others held",
+        f"within {FLAT_SHARE:.0%}, others constant",
     )
     if parameter.standard_error is not None:
-        (low, high), label = optimum.interval, "interval of the place"
+        (low, high), label = optimum.interval, "interval of the optimum"
     if not math.isnan(low + high):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
     if optimum.own is not None:

@@ -39,7 +39,7 @@ MOST_PARAMETERS = 8
 # Number of points that are run again on independent noise.
 CONFIRMED = 5
 # Trust radius of a method without noise, as a share of the ranges, initially and finally: within
-# the latter a maximum is flat to 1e-9.
+# the final radius a maximum is flat to 1e-9.
 RADIUS, LAST_RADIUS = 0.05, 1e-5
 # Approximate number of evaluations of the climb per parameter, for the progress bar.
 CLIMB_EACH = 30
@@ -66,7 +66,7 @@ def over_several(
             f"{MOST_EVALUATIONS}"
         )
     if len(axes) > MOST_PARAMETERS:
-        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters")
+        raise HarvesterError(f"--over: give at most {MOST_PARAMETERS} parameters")
     expected = 1 + count + CONFIRMED + CLIMB_EACH * len(axes)
 
     def begin(done, after):
@@ -132,7 +132,10 @@ def _search(objective, count):
             proposals.tell([finite(value) for value in values])
         searched += zip(points, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
-        raise OptimumError(f"all runs failed, at each of {len(searched)} points")
+        raise OptimumError(
+            f"all runs failed, at each of {len(searched)} points: check the scene by "
+            "harvester simulate"
+        )
     return searched
 
 
@@ -148,7 +151,10 @@ def _chosen(objective, searched):
     points = list(dict.fromkeys(highest))[:CONFIRMED]
     values = [objective.value(answer) for answer in objective.answers(points, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
-        raise OptimumError("the second runs failed at all of the highest points")
+        raise OptimumError(
+            "the repeated runs failed at all of the highest points: check the scene by "
+            "harvester simulate"
+        )
     return points[int(np.nanargmax(values))]
 
 

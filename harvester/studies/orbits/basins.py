@@ -227,7 +227,7 @@ def _draw(basins):
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure
 
-    # From the tenth on, orbits share the last colour.
+    # All orbits from the tenth on have the last colour.
     colour_index = np.minimum(basins.orbit, MOST_NAMED - 1)
     colours = ListedColormap([NOT_FOLLOWED, *COLOURS])
     norm = BoundaryNorm(np.arange(-1.5, MOST_NAMED), colours.N)

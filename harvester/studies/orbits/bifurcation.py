@@ -260,7 +260,7 @@ class Bifurcation(ResultBase):
         missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
         return [
             f"{branch.direction}: no error bar at {self._named(*self.values[missing])}: the power "
-            f"changes more slowly than {SAMPLES} periods show; `basins` there averages over many "
+            f"varies too slowly for {SAMPLES} periods; `basins` at this value averages over many "
             "starts"
         ] * bool(missing.any())
 
@@ -397,7 +397,7 @@ def _branch(scenes, engine, direction, samples):
     periods, motions = np.zeros(len(samples), dtype=int), []
     values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
     for k, driven in enumerate(scenes):
-        # Each section is compared with its own size: one motion may be a hundredth of another.
+        # The tolerance is relative to the section: one motion may be a hundredth of another.
         period, motion = motion_of(driven, samples[k])
         motions.append(motion)
         if motion not in UNSTEADY:
@@ -482,9 +482,9 @@ def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Prepared]:
     table = key.partition(".")[0]
     if table in UNUSED_TABLES:
         raise HarvesterError(
-            f"--over {key}: the length is that of --periods and each start is that of the "
-            f"previous value, so [{table}] has no effect; name a key of another table"
+            f"--over {key}: --periods sets the length, and each run starts where the previous one "
+            f"ended, so [{table}] has no effect; name a key of another table"
         )
-    # Without a periodic excitation the key may not exist.
+    # This check comes first: without a periodic excitation the key may not exist.
     forced(scene, "bifurcation")
     return [forced(scene.replace({key: float(value)}), "bifurcation") for value in values]

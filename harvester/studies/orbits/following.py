@@ -54,9 +54,9 @@ MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
 # Starts without a period are followed for LONGER times the periods, since chaos may be transient.
-# WITNESSES of an aperiodic motion's starts are followed LONGER times longer again, and all of them
-# if one becomes periodic. Then the best start of each cycle is followed until it converges, in at
-# most ROUNDS rounds.
+# WITNESSES of an aperiodic motion's starts are followed LONGER times longer again, and all its
+# starts if one becomes periodic. Then the best start of each cycle is followed until it converges,
+# in at most ROUNDS rounds.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
@@ -117,7 +117,7 @@ def periods_of(driven: Prepared) -> int:
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Raise if the number of periods is too small, or exceeds the memory."""
+    """Raise if the number of periods is too small, or too large for the memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -298,7 +298,7 @@ def _remains(driven, samples):
 
 
 def _unsettled(driven):
-    """Reason why starts have not converged, e.g. a store that is slower than the time followed."""
+    """Reason why starts have not converged, e.g. a store that is slower than the simulated time."""
     load, period = driven.scene.load.circuit, float(driven.scene.excitation.period)
     stores = load and load.stores
     periods = transient_time(driven, SETTLED_SHARE) / period

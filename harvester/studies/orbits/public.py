@@ -50,7 +50,7 @@ def basins(
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
         Coordinates of the starts, in the scene's units, such as numpy.linspace(-0.01, 0.01, 41)
-        (default: all energies up to above the largest motion's).
+        (default: a range that includes the energy of the largest motion).
     points : int
         Starts per side for omitted coordinates.
     periods : int or None

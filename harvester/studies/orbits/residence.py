@@ -43,10 +43,10 @@ if TYPE_CHECKING:
 
 # Minimum number of stays for an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
-# Fewer stays estimate their scatter poorly: the error is at least that of exponential times.
+# With fewer stays the scatter is uncertain: the error is at least that of exponential times.
 FEW_STAYS = 64
-# Longer times due to the knots of white noise are noted from this share on. Times were 1.9 ± 0.2 %
-# longer if the missing density times the barrier was 1.2 %.
+# The relative increase of times by the knots of white noise is noted from this value on. A measured
+# increase was 1.9 ± 0.2 %, where the missing density times the barrier was 1.2 %.
 NOTED_BY_KNOTS = 2e-3
 # Number of realizations per task, and maximum number of doublings to reach the precision.
 TOGETHER, MOST_DOUBLINGS = 8, 6
@@ -195,8 +195,8 @@ class Residence(ResultBase):
         without_error = [stay for stay in self.stays if stay.standard_error is None]
         if without_error:
             lines.append(
-                f"{len(without_error)} of {len(self.stays)} have no error bar, with fewer than "
-                f"{FEWEST_STAYS} stays: {self.scene.excitation.longer_run(self.scene.run)}"
+                f"{len(without_error)} of {len(self.stays)} times have no error bar, with fewer "
+                f"than {FEWEST_STAYS} stays: {self.scene.excitation.longer_run(self.scene.run)}"
                 + (" or run.realizations, or give a precision" * (self.precision is None))
             )
         if any(stay.kramers for stay in self.stays):
@@ -207,7 +207,7 @@ class Residence(ResultBase):
         missed = [stay for stay in self.stays if stay.outcome == "complete" and self._misses(stay)]
         if missed:
             lines.append(
-                f"{len(missed)} of {len(self.stays)} do not have the precision of "
+                f"{len(missed)} of {len(self.stays)} times do not have the precision of "
                 f"{self.precision:.2g} with {2**MOST_DOUBLINGS} times the scene's realizations: "
                 f"{self.scene.excitation.longer_run(self.scene.run)} or run.realizations = "
                 f"{self.scene.run.realizations}"
@@ -263,7 +263,7 @@ def stays(
     jumps: Any = [realization.moments.jumps for realization in realizations]
     # The last row is the time before `run.settle`. A device at rest leaves its well later than in
     # the stationary state: with stays of 208 s, 250 s of simulation after 50 s of settling gave
-    # means 11 % too long including that time, and 1 ± 1 % without it.
+    # means 11 % too long if the settling was included, and 1 ± 1 % if it was excluded.
     return {
         "times": np.array([jumps_of.times[:-1] for jumps_of in jumps]),
         "exits": np.array([jumps_of.counts[:-1].sum(axis=2) for jumps_of in jumps]),
@@ -408,7 +408,7 @@ def _draw(residence):
 
 
 def kramers_time(prepared_scene: Prepared, well: float) -> tuple[float | None, str]:
-    """Mean time until the other of two wells (s), or None and the reason why there is no formula.
+    """Mean time to reach the other of two wells (s), or None and why the formula is not valid.
 
     Kramers' rate for moderate to strong damping (Physica 7, 284, 1940) times the depopulation
     factors of both wells, which are valid for any damping (V. I. Mel'nikov and S. V. Meshkov, J.

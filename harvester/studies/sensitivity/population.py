@@ -138,8 +138,8 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
 def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Interval, Interval]]:
     """Change of the quantity's mean if one parameter is low or high, averaged over the others.
 
-    The model is a mean plus a parabola for each parameter in its share of devices below, fitted by
-    least squares. Rows are resampled for the intervals.
+    The model is a mean plus, for each parameter, a parabola in the share of devices with lower
+    values. It is fitted by least squares. Rows are resampled for the intervals.
 
     Parameters
     ----------

@@ -186,14 +186,21 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
         try:
             content = json.loads(read_input(content, "JSON file", LARGEST_FILE))
         except (ValueError, RecursionError):
-            raise HarvesterError(f"{where}: not a JSON file") from None
+            raise HarvesterError(
+                f"{where}: not a JSON file: give the JSON of harvester identify"
+            ) from None
     try:
         keys = [str(key) for key in content["keys"]]
         covariance = np.array(content["covariance"], dtype=float)
     except (KeyError, TypeError, ValueError):
-        raise HarvesterError(f"{where}: not an identification with keys and covariance") from None
+        raise HarvesterError(
+            f"{where}: not an identification with keys and covariance: give the JSON of "
+            "harvester identify"
+        ) from None
     if covariance.shape != (len(keys), len(keys)) or not np.isfinite(covariance).all():
-        raise HarvesterError(f"{where}: the covariance must be a square matrix of the keys' size")
+        raise HarvesterError(
+            f"{where}: the covariance must be a square matrix with one row per key"
+        )
     indices = [index for index, key in enumerate(keys) if not key.startswith("sensor.")]
     keys, covariance = [keys[index] for index in indices], covariance[np.ix_(indices, indices)]
     centre = {key: number(scene, key, where)[0] for key in keys}
@@ -224,7 +231,7 @@ def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) 
 def devices(
     scene: Scene, tolerances: Sequence[Tolerance | Direction], shares: np.ndarray, replicates: int
 ) -> list[list[Scene]]:
-    """Scenes of each row: for every device all replicates in succession.
+    """Scenes of each row: all replicates of its first device, then of its second, and so on.
 
     Parameters
     ----------
@@ -248,7 +255,7 @@ def devices(
         except SceneError as error:
             raise HarvesterError(
                 f"--vary: a device within the tolerances is not valid: {error}; choose narrower "
-                "ones"
+                "tolerances"
             ) from None
         rows.append(
             [

@@ -44,7 +44,7 @@ def test_a_long_run_says_what_it_will_take_from_its_first_seconds(monkeypatch, c
 
 def test_a_run_without_reports_says_that_it_goes_on(monkeypatch, capsys):
     lines = lines_of("identify", 50, {}, monkeypatch, capsys)
-    start = "starting; compiles for a minute or so if no earlier run has"
+    start = "starting; the first run compiles for about a minute"
     assert lines == [f"identify: after {s} s, {start}" for s in (5, 10, 20, 40)]
 
 

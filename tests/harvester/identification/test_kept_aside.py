@@ -43,9 +43,9 @@ def test_a_value_of_a_record_s_own_is_found_in_it(linear):
     assert without.predicted_power.estimate > 1.3 * without.powers()[0].estimate
     assert with_own.left < 0.01
     assert not without.claimed
-    assert "even in windows" in without.outside
+    assert "even in short windows" in without.outside
     assert linear.verdict.word == "incomplete"
-    assert "of record3.csv even in windows" in linear.verdict.sentence
+    assert "of record3.csv even in short windows" in linear.verdict.sentence
     assert "fitted to this record" not in str(without)
 
 

@@ -78,7 +78,7 @@ def gap():
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
          {"velocity": "veloc:m/s"}, "no such column"),
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
-         {"velocity": "2:m/s:absolut"}, "after the unit comes absolute"),
+         {"velocity": "2:m/s:absolut"}, "after the unit write absolute"),
         ("a,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "sampling_rate=HZ"),
         ("time,acceleration [g],u", (TIMES, ACCELERATION, VOLTAGE), {}, "acceleration alone is"),
         ("time,a,voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "no column of the base"),

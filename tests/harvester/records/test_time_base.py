@@ -66,7 +66,7 @@ def test_the_sine_is_found_at_its_frequency_with_its_power(tmp_path, name):
     values, interval, remarks = one_pass(RecordedMotion(path, **keys))
     assert 1.0 / interval == pytest.approx(RATE, rel=2e-3 if "drift" in name else 1e-5)
     assert power(values, interval) == pytest.approx(1.0, abs=0.01)
-    assert any(word in remarks[0] for word in ("rounded", "drifts", "interpolation"))
+    assert any(word in remarks[0] for word in ("rounded", "drifts", "interpolated"))
 
 
 def test_stamps_too_coarse_for_a_rate_need_one(tmp_path):

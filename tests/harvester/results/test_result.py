@@ -170,7 +170,7 @@ def test_plain_values_lead_back_to_the_result(result):
     assert again.to_dict() == result.to_dict()
     assert again.quantities == result.quantities
     assert again.scene == result.scene
-    with pytest.raises(harvester.UnknownQuantity, match="JSON does not hold: run the scene again"):
+    with pytest.raises(harvester.UnknownQuantity, match="JSON does not contain: run the scene"):
         again.figure()
     with pytest.raises(harvester.UnknownQuantity, match="joint_density=True"):
         again.figure("joint")

@@ -113,7 +113,7 @@ def test_a_file_that_is_not_there_is_named():
         (
             [[-2, -3], [-1, 1], [0.5, 2.0], [2, 3]],
             {"restoring_force_range": [-0.5, 1.0]},
-            "no stable rest position in it",
+            "no stable rest position in this range",
         ),
     ],
 )

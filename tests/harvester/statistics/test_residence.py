@@ -155,7 +155,7 @@ def test_a_share_left_by_the_starts_is_not_claimed():
     assert found.scaled[SHARE].standard_error is None
     assert found.scaled[SHARE].estimate < 0.03
     assert any("simulate" in note and "jumps between uneven wells" in note for note in found.notes)
-    assert any("the wells exchange within" in note for note in found.notes)
+    assert any("shares of time settle within" in note for note in found.notes)
 
 
 def test_without_jumps_the_starts_are_named():

@@ -109,7 +109,7 @@ def test_weighted_by_starts_is_the_mean_of_the_orbits_by_their_shares():
 
 @pytest.mark.parametrize("orbit", ["best", "weighted"])
 def test_a_choice_among_starts_needs_starts(orbit):
-    with pytest.raises(SceneError, match=r"run.orbit = .* needs drawn starts: set run.starts"):
+    with pytest.raises(SceneError, match=r"run.orbit = .* needs random starts: set run.starts"):
         BISTABLE.replace({"run.orbit": orbit})
 
 

@@ -71,7 +71,7 @@ def test_storage_charges_while_the_run_settles(device):
         (["bridge"], {"load.parameters.resistence": [1.0]}, "did you mean resistance"),
         (["bridg"], {}, "did you mean bridge"),
         (["bridge", "bridge"], {}, "occurs twice"),
-        (["bridge"], {RESISTANCE: [1.0, 1.0]}, "each value once"),
+        (["bridge"], {RESISTANCE: [1.0, 1.0]}, "none twice"),
     ],
 )
 def test_mistakes_are_refused_before_anything_runs(device, loads, sweeps, said):

@@ -495,7 +495,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
         fed.estimates["mean_input_power"].estimate
     )
     assert any("output and into its stores, over" in line for line in found.sentences())
-    assert "at 40 not ranked: its stores supply part of the output" in row[-1]
+    assert "at 40 not ranked: the load's stores supply part of the output" in row[-1]
     # Hollow in every figure is the point that is not ranked, error bar or not.
     for figure in map(found.figure, ("power", "efficiency")):
         (axes,) = figure.axes

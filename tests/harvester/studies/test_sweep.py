@@ -152,7 +152,7 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
     [
         ({"load.decay_rat": [1.0]}, {}, "did you mean load.decay_rate"),
         ({KEY: 1.0}, {}, "over.*must be a list"),
-        ({KEY: [1.0, 1.0]}, {}, "each value once"),
+        ({KEY: [1.0, 1.0]}, {}, "none twice"),
         ({}, {}, "over: names no key; write over="),
         ({KEY: (0.1, 2.0, 7)}, {}, r"\[0.1, 2, 7.0\], or numpy.linspace\(0.1, 2, 7\)"),
         ({KEY: ["0.1"]}, {}, "must be a number; write 0.1 without quotes"),

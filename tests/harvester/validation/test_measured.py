@@ -105,7 +105,7 @@ def test_a_set_that_was_not_downloaded_is_said_so(pool, monkeypatch, tmp_path):
     assert runner.warnings == []
     monkeypatch.setenv("SILVERBOX", str(tmp_path))
     assert (
-        downloaded()[0].asked["identify"].args[0].startswith(f"SILVERBOX = {tmp_path}: not the set")
+        downloaded()[0].asked["identify"].args[0].startswith(f"SILVERBOX = {tmp_path}: other data")
     )
 
 
