@@ -116,7 +116,7 @@ class Scope:
         raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
     def _evaluated(self, name, text):
-        """A value of this sub-circuit; its own name in it refers to the enclosing scope."""
+        """Evaluate a parameter; within its own value, its name refers to the enclosing scope."""
         if name in self._values:
             return self._values[name]
         alone = not self._under_way
@@ -130,7 +130,7 @@ class Scope:
         return value
 
     def function(self, name: str) -> Any:
-        """(arguments, tree, function lookup there) of a function of the file, or None."""
+        """(arguments, tree, lookup of functions in its scope) of a file's function, or None."""
         for scope in self.outwards():
             if name in scope.circuit.functions:
                 _, arguments, expression = scope.circuit.functions[name]

@@ -78,7 +78,7 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         if os.path.isfile(path):
             return path
         if os.path.isdir(path):
-            raise NetlistError(f"load.netlist = {netlist[:200]!r}: is a folder, not a file")
+            raise NetlistError(f"load.netlist = {netlist[:200]!r}: is a folder: name a file in it")
     looked = " and ".join(str(Path(folder).absolute()) for folder in folders)
     raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
 

@@ -481,7 +481,7 @@ def _multiplied(line, text, scope):
     if not match:
         return text
     if line.name[0] in "eh" or match.group(1).startswith("v="):
-        cure = "parallel voltage sources are equal to one: remove it"
+        cure = "parallel voltage sources are equal to one: remove m="
         refuse(line.card, f"m={match.group(2)[:40]}: {cure}")
     line.named["m"] = check_value(line.card, match.group(2), scope)
     line.words.append(f"m={line.named['m']}")

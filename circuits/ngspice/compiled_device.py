@@ -85,7 +85,7 @@ def compiled_file(text: str) -> Path:
             return _compile(compiler, text, Path(work), folder, key)
     except OSError as error:
         raise CompiledDeviceUnavailable(
-            f"cannot keep the compiled device in {folder}: {error.strerror or error}; "
+            f"cannot store the compiled device in {folder}: {error.strerror or error}; "
             "set XDG_CACHE_HOME to a folder that can be written"
         ) from None
 

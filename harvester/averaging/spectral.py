@@ -1,4 +1,4 @@
-"""Stationary means of a linear device from the spectrum of its excitation alone: ∫ |H|² G df."""
+"""Stationary means of a linear device from the density G of its excitation: ∫ |H(f)|² G df."""
 
 import math
 from dataclasses import dataclass
@@ -53,7 +53,10 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     matrix = _matrix(system)
     decay = -np.linalg.eigvals(matrix).real.max()
     if not decay > 0.0:
-        raise AveragingError(f"{ready.scene.name}: spectral: the motion is undamped or unconfined")
+        raise AveragingError(
+            f"{ready.scene.name}: spectral: the motion is undamped or unconfined: add damping and "
+            "stiffness"
+        )
     excitation, unit = ready.scene.excitation, ready.excitation_unit
     share = system.transducer.base_rate(1.0)
     fine, coarse = (_covariance(matrix, share, excitation, unit, n) for n in (NODES, COARSE_NODES))
@@ -64,8 +67,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     for name, mean in means.items():
         if not error[name] <= tolerance * abs(mean):
             raise AveragingError(
-                f"{name.replace('_', ' ')} changes from fewer nodes to more by "
-                f"{error[name] / abs(mean):.2g} of itself, more than {tolerance:g}: simulate"
+                f"{name.replace('_', ' ')} changes by {error[name] / abs(mean):.2g} of its value "
+                f"with more nodes, more than the tolerance of {tolerance:g}: simulate"
             )
     gaussian = not excitation.lines and getattr(excitation, "kurtosis", 3.0) == 3.0
     density = GaussianDensity(system, fine, gaussian)
@@ -116,7 +119,7 @@ def _matrix(system):
 def _covariance(matrix, share, excitation, unit, nodes):
     """The scaled covariance of (X, X', e), shape (3, 3); 0 for states that do not exist.
 
-    `share` is κ of d.
+    `share`: the number κ in the vector d of `spectral`.
     """
     frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
     weights = weights * excitation.density(frequencies)

@@ -181,7 +181,7 @@ def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
 
 
 def engineering(value: float, digits: int = 6) -> Printed:
-    """A number in SPICE's form, which needs no unit; one that is short in plain form as it is.
+    """A number in SPICE's notation, without unit; a plain number if that is short enough.
 
     >>> engineering(1e-5), engineering(16e3), engineering(2.2e6), engineering(0.05)
     ('10u', '16k', '2.2meg', '0.05')

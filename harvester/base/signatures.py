@@ -119,7 +119,7 @@ def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
-            raise HarvesterError(f"{option} {named(key)}: is given twice")
+            raise HarvesterError(f"{option} {named(key)}: is given twice; keep one")
     return dict(pairs)
 
 

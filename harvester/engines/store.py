@@ -85,7 +85,7 @@ class AnswerStore:
         except OSError:
             return True
         self.refused[task.key] = (
-            f"{self._path(task)}: is not a file: left there, and the answer not kept"
+            f"{self._path(task)}: is not a file: remove it; the answer was not stored"
         )
         return False
 

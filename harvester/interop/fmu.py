@@ -100,7 +100,7 @@ def unit_files(setup: Prepared, version: int) -> tuple[str, dict[str, str]]:
 def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
-    They contain sources, and binaries for this machine if there is a C compiler.
+    The FMUs contain sources, and binaries for this machine if there is a C compiler.
 
     Parameters
     ----------

@@ -215,7 +215,7 @@ def _pulls(x, magnets, slope, offset, origin, order):
 
 
 def _charges(size, moment, order):
-    """Points (m) on a magnet's two end faces about its centre, and their charges (A m)."""
+    """Points (m) on a magnet's two end faces relative to its centre, and their charges (A m)."""
     node, weight = np.polynomial.legendre.leggauss(order if len(size) == 2 else 3 * order // 4 * 2)
     if len(size) == 2:
         angle = math.pi / order * (np.arange(2 * order) + 0.5)

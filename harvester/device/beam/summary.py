@@ -64,9 +64,9 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     if beam.tip_material and beam.tip_offset == 0.0:
         flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
         lines.append(
-            "tip_offset = 0: the block's middle lies over the beam's end; flush with the end, by "
-            f"tip_offset = {flush.tip_offset:g}, the beam has {lumped(flush).short_frequency:.4g} "
-            "Hz with a rigid clamp"
+            "tip_offset = 0: the block's middle is over the beam's end; if the block is flush with "
+            f"the end, set tip_offset = {flush.tip_offset:g}: the frequency is then "
+            f"{lumped(flush).short_frequency:.4g} Hz with a rigid clamp"
         )
     for name, materials in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         lines.append(f"{name}: {materials[name].source}")

@@ -62,7 +62,7 @@ def run_realizations(
     observers: list[list[Observer]],
     outputs: Any = None,
 ) -> dict[str, str | None]:
-    """Integrate realizations side by side; see `harvester.engines.methods.Engine`.
+    """Integrate realizations in lockstep; see `harvester.engines.methods.Engine`.
 
     `outputs` is not used: a resistor has no output side.
     """
@@ -113,7 +113,7 @@ def integrate(
     moments: Sequence[Moments] = (),
     keep: bool = True,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Integrate Eq. 4 along several noise paths, side by side.
+    """Integrate Eq. 4 along several noise paths in lockstep.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def integrate(
     stop : float
         End time (s), rounded up to a whole number of knots.
     steps_per_sample, steps_per_contact : int
-        Steps between two samples where no contact asks for more; fewest in a contact.
+        Steps between two samples away from contacts; fewest steps in a contact.
     scheme : str
         A name in `harvester.device.schemes.NAMED`.
     moments : sequence of Moments
@@ -135,10 +135,10 @@ def integrate(
     Yields
     ------
     ndarray, shape (len(paths), 9, ·)
-        A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
-        point; the next chunk overwrites it; empty if points are not kept.
+        Accepted points in order, without the initial point: the columns of a `Record` for each
+        path; empty if points are not kept. The next chunk overwrites this array.
     ndarray of int64, shape (len(paths),)
-        Number of points of each.
+        Number of points of each path.
 
     Raises
     ------

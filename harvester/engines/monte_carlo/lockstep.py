@@ -80,7 +80,7 @@ class BatchWorkspace(NamedTuple):
     def of(
         cls, s: System, starts: Sequence[tuple[float, float, float]], points: int
     ) -> BatchWorkspace:
-        """Realizations at their starts, with memory for a number of points each: 0 or at least 2.
+        """Set up realizations, each with memory for `points` points (0 or at least 2).
 
         A start is (X, X', transducer's state).
         """
@@ -133,7 +133,7 @@ def advance(
     steps_per_sample, steps_per_contact : int
         Steps between two samples, and fewest from the beginning of a contact to its end.
     tally : Tally
-        Sums of the moments, added to.
+        Sums for the moments, updated in place.
     place : ndarray of int, changed
         The segment between knots, the step in it, how many realizations are stepped apart in it,
         and the batch under way.
@@ -144,8 +144,8 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_sample
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # A loop over a constant number would be unrolled slot by slot. One realization alone takes as
-    # long as eight, or less.
+    # A loop over a constant number would be unrolled instead of vectorized. A single realization
+    # needs one lane.
     lanes = noise.shape[2] if room.points.size > 1 else 1
     room_for = room.columns.shape[2]
     fullest, full = 0, room_for - 1 if room_for > 0 else MOST_POINTS
@@ -411,7 +411,7 @@ def _correct(s, cells, i, length, measured, rows, k):
 
 @merged
 def _keep(room, rows, realization):
-    """Count a realization's latest point, and keep it if points are kept; returns their number."""
+    """Count a realization's latest point, and keep it if points are kept; return the count."""
     k, point = realization % TOGETHER, room.points[realization]
     if room.columns.shape[2] > 0:
         for row in range(room.columns.shape[1]):
@@ -422,7 +422,7 @@ def _keep(room, rows, realization):
 
 @merged
 def _arrive(s, time, batch, lanes, room, tally):
-    """Move all realizations to the step's end; returns the largest number of points of one."""
+    """Move all realizations to the step's end; return the largest number of points of any."""
     measured, fullest, count = batch >= 0, 0, room.points.size
     for block in range(room.states.shape[0]):
         cells, rows = room.states[block], tally.rows[block]

@@ -172,7 +172,7 @@ def test_notes_name_a_layer_that_its_field_stiffens_and_a_strain_in_per_cent():
     [
         ({"beam.length": 2e-3}, "slender"),
         ({"beam.piezo_length": 0.06}, "must lie within the beam"),
-        ({"beam.piezo_length": 3e-4}, "of the patch's thicknesses"),
+        ({"beam.piezo_length": 3e-4}, "times piezo_thickness"),
         ({"oscillator.mass": 0.01}, r"oscillator.mass follows from \[beam\]"),
         ({"beam.material": "bras"}, "did you mean brass"),
         ({"beam.tip_length": 0.01}, "needs beam.tip_material"),
