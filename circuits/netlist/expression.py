@@ -269,7 +269,7 @@ def _tokens(text):
 def _number(text):
     value = number(text)
     if AMPERE.fullmatch(text):
-        raise ExpressionError(f"{text}: ngspice 46 reads A as 1e-18, ngspice 39 as 1: omit A")
+        raise ExpressionError(f"{text}: ngspice 46 reads A as 1e-18, version 39 as 1: omit the A")
     if THOUSANDTH_OF_AN_INCH.fullmatch(text):
         raise ExpressionError(f"{text}: mil is 1e-3 in ngspice's .param: multiply by 25.4u instead")
     if value is None:

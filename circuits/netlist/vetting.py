@@ -266,7 +266,7 @@ def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> 
         return "{" + value + "}"
     excerpt = f"{what} {value[:LONGEST_SHOWN]}"
     if AMPERE.fullmatch(value):
-        refuse(card, f"{excerpt}: ngspice 46 reads A as 1e-18, 39 as 1: omit the A")
+        refuse(card, f"{excerpt}: ngspice 46 reads A as 1e-18, version 39 as 1: omit the A")
     if NUMBER.fullmatch(value):
         refuse(card, f"{excerpt} is not finite")
     refuse(card, f"{what} {value[:40]!r} is not a number{nearest(value, scope.parameters)}")

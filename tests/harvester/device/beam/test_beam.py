@@ -153,7 +153,8 @@ def test_a_report_says_where_a_block_stands():
     beam = Scene.read("bimorph").replace(STEEL_BLOCK).beam
     (line,) = (each for each in remarks(beam) if "tip_offset" in each)
     flush = replace(beam, tip_offset=-4e-3)
-    assert f"tip_offset = -0.004, the beam has {lumped(flush).short_frequency:.4g} Hz" in line
+    frequency = lumped(flush).short_frequency
+    assert f"tip_offset = -0.004: the frequency is then {frequency:.4g} Hz" in line
     assert not any("tip_offset" in each for each in remarks(flush))
 
 
