@@ -47,7 +47,8 @@ class Shape(NamedTuple):
 
     Attributes
     ----------
-    entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
+    entries, switches, junctions : (row, column) of every entry, (plus, minus) nodes of every switch
+        and junction; ground is n.
     traits : features of each junction, see `junction.traits`.
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
     rows, columns : row and unknown at each position of the elimination.
@@ -251,7 +252,7 @@ def _add_behavioural(e, shape, matrix, right):
 
 
 def _finish(e: Emitter, shape: Shape) -> None:
-    """Write `finish`: all unknowns from those of the core, and the transferred charges."""
+    """Write `finish`: all unknowns from the core's unknowns, and the transferred charges."""
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
@@ -308,7 +309,7 @@ def _accept(e: Emitter, shape: Shape) -> None:
 
 
 def _error(e: Emitter, shape: Shape) -> None:
-    """Write `error`: the error of charges, divided by the matrix, and the energy of both.
+    """Write `error`: the charges' error, divided by the matrix, and the energy of the error.
 
     The division bounds the estimate for stiff networks (Hosea and Shampine 1996).
     """

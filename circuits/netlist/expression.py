@@ -424,7 +424,7 @@ def _arguments_of(name, functions):
 
 
 _HIDDEN = {"negative", "and", "or", "not"}
-# All functions that an expression may call, apart from those of the file.
+# All functions that an expression may call, apart from functions defined in the file.
 FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
 FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
@@ -521,7 +521,7 @@ def _folded(kind, parts, names):
     else:
         value = folded(kind, numbers)
     if not math.isfinite(value):
-        raise ExpressionError(f"{kind} has no value for these numbers")
+        raise ExpressionError(f"{kind} has no value for these numbers: change its arguments")
     return ("number", value)
 
 

@@ -49,7 +49,7 @@ class Measurement:
     Attributes
     ----------
     rows : tuple of (str, str)
-        Kind and name of each value; the power that a state takes has the kind `TAKEN`. Levels last.
+        Kind and name of each value, levels last; power taken in a state has the kind `TAKEN`.
     trees : tuple
         Expressions of the measures, see `circuits.netlist.expression`.
     watched : tuple of str

@@ -96,7 +96,7 @@ def read_load(
     path : Path
         Path from `find_netlist`.
     subcircuit : str or None
-        Name in the file; None: the one named like the file, or the only one with these pins.
+        Name in the file; None: the sub-circuit named like the file, or the only one that fits.
     parameters : dict of str to (float or str), optional
         Values of the sub-circuit's parameters and the file's `.param`; "100k" means 1e5.
     cards : sequence of Card, optional

@@ -97,7 +97,7 @@ class Line:
     words : all words after name and nodes, as written to a netlist.
     values : values of R, C, L in their order; the gain of a controlled source or K; values of Q and
         J after the model; constants of a source.
-    bare : those of `values` without a key.
+    bare : values without a key, a part of `values`.
     controls : sources or coils that control it.
     models : names of its models; only R, C and L may have several, rejected later.
     named : name=value settings.

@@ -38,7 +38,7 @@ def cache_folder() -> Path:
 
 
 def find_compiler() -> str | None:
-    """Path of openvaf-r: the one on PATH, else the one of the extra `fast`.
+    """Path of the compiler openvaf-r: from PATH, else from the extra `fast`.
 
     Raises
     ------

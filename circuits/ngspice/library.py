@@ -63,7 +63,7 @@ def find_library() -> str:
 
 
 def code_models(library: str) -> list[Path]:
-    """ngspice's code models next to the library; those of another release would crash it.
+    """ngspice's code models next to the library; models of another release would crash ngspice.
 
     Parameters
     ----------

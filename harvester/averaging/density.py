@@ -13,7 +13,7 @@ FINER = 10
 # Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
 # orbits.
 EVEN, TURNING = 100, 100
-# Number of even intervals for the integral of a density of X', in addition to those between orbits.
+# Number of even intervals for the integral of a density of X', added to intervals between orbits.
 PIECES = 1500
 # Orbits whose probability density g is below this share of the greatest are not tabulated.
 NEGLIGIBLE = np.log(1e-9)

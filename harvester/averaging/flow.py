@@ -43,8 +43,8 @@ class PhaseGrid(NamedTuple):
     z
         Nodes of Z = X − V, ascending; a single node for a transducer without a state.
     mirrored : bool
-        Only the upper half of `z` is stored: the other half follows by (X, X', Z, η) → −(X, X', Z,
-        η). All nodes are then symmetric about 0.
+        Only the upper half of `z` is stored: the lower half is its mirror image under
+        (X, X', Z, η) → −(X, X', Z, η). All nodes are then symmetric about 0.
     modes : Hermite functions of η; one for white noise.
     step
         Time step (s).

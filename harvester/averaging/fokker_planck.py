@@ -51,7 +51,7 @@ SHORTEST_CONTACT = 2e-2
 # vectors would be needed that means are extrapolated from faster rates instead.
 FASTEST_DECAY = 60.0
 SLOWEST_DECAY = 2e-3
-# Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.
+# Means at slower rates are extrapolated linearly from the slowest rate and FARTHER times that rate.
 # Such a line enlarges errors: both means are exact to LINE_TOLERANCE_SHARE of the tolerance, with
 # CONTINUED_WORK times the work that is usually allowed.
 FARTHER = 2.0
@@ -116,8 +116,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 def outline(device: System) -> GridDensity:
     """Densities on the first coarse grid, within tenths of a second.
 
-    No error is estimated: means on that grid differ by up to 10 % from those of `fokker_planck`,
-    which rejects the same devices.
+    No error is estimated: means on that grid differ by up to 10 % from the means of
+    `fokker_planck`, which rejects the same devices.
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
@@ -189,7 +189,7 @@ def _refined(task, share=1.0):
     _refine(grids, "nodes")
     while (worst := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", worst)
-    # The coarser grid would mix the error of the nodes with that of the step.
+    # On the coarser grid the errors of nodes and step could not be separated.
     before, after = (solution.means.get("well_crossing_rate", 0.0) for solution in nodes[-2:])
     rate, time = task.device.transducer.decay_rate(), period(task.device)
     leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
@@ -283,8 +283,7 @@ def _region_and_density(task):
 
 
 def _changed(solutions):
-    """Among the means `JUDGED`, the one with the largest relative change on the last grid,
-    and that change."""
+    """The mean in `JUDGED` with the largest relative change on the last grid, and that change."""
     before, last = (solution.means for solution in solutions[-2:])
     return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 

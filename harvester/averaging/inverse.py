@@ -180,7 +180,7 @@ def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0
 
 
 def _interpolation(old, new):
-    """Matrix from probabilities at even nodes to those at `new`, by cubic splines; 0 outside."""
+    """Matrix from probabilities at nodes `old` to nodes `new`, by cubic splines; 0 outside."""
     cells = (new[1] - new[0]) / (old[1] - old[0])
     inside = (new >= old[0]) & (new <= old[-1])
     return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)

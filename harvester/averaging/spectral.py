@@ -41,10 +41,11 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Notes
     -----
-    With the state z = (X, X', e), z' = A z + b η + d η', its covariance is ∫ Re[h h*] G df, h = d +
-    (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2. Only if the base
-    acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of the quadrature end
-    at corners of G and at each resonance, and double in length away from it.
+    The state z = (X, X', e) obeys z' = A z + b η + d η'. For the density G of the excitation η its
+    covariance is ∫ Re[h h*] G df, with h = d + (iω − A)⁻¹ (b + A d). Each sine of amplitude a adds
+    Re[h h*] a²/2. Only if the base acceleration moves charge directly, d = (0, 0, κ) is not zero.
+    Intervals of the quadrature end at corners of G and at each resonance, and double in length away
+    from it.
     """
     system = ready.system
     refusal = spectral_refusal(system, ready.scene.excitation)

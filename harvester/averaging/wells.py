@@ -1,8 +1,8 @@
 """Rate of saddle crossings, shares of time in the wells, and the most occupied well.
 
 If jumps are rare, their rates are far below the errors of the grid, which cannot resolve them.
-Symmetric wells then hold half of the time each; among unequal wells the one with the rarest exits
-holds all.
+Symmetric wells then hold half of the time each; among unequal wells the well with the rarest exits
+holds all of it.
 """
 
 import numpy as np

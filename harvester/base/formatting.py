@@ -79,7 +79,7 @@ def with_error(estimate: Estimated, unit: str = "") -> Printed:
 
 
 def largest(estimate: Estimated) -> float:
-    """The larger of a value and its error, which determines the format of both."""
+    """The larger of a value and its error; it determines the printed format of value and error."""
     sizes = (abs(estimate.estimate), estimate.standard_error or 0.0)
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 

@@ -298,7 +298,7 @@ class Option(NamedTuple):
 
 @functools.cache
 def options_of(function: Callable) -> dict[str, Option]:
-    """A function's parameters by name, including those of its `**options: Unpack[…]`."""
+    """A function's parameters by name, including the keys of its `**options: Unpack[…]`."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
     for name, parameter in inspect.signature(function).parameters.items():

@@ -162,7 +162,7 @@ def _status(path):
     if kind in UNWRITABLE:
         raise OutputError(f"{path}: is {UNWRITABLE[kind]}; name a file")
     if not os.access(path, os.W_OK):
-        raise OutputError(f"{path}: cannot be written: it is write-protected")
+        raise OutputError(f"{path}: cannot be written: it is write-protected; name another file")
     return status
 
 

@@ -60,7 +60,7 @@ class ResistiveCoil(NoBaseForce, _Resistances):
     winding_damping
         Φ²/(M R_coil), the damping of a shorted coil (1/s).
     current_share
-        R_coil/(R_coil + R), the ratio of the current to that of the shorted coil.
+        R_coil/(R_coil + R), the ratio of the current to the shorted coil's current.
     """
 
     __slots__ = ()

@@ -93,7 +93,7 @@ def reaction(
 ) -> tuple[float, float]:
     """Elastic force and damping (1/s) of the contacts that act in the zone from `low` to `high`.
 
-    The stoppers active at a displacement x are those of the zone from x to x.
+    For the stoppers that are active at a displacement x, give the zone from x to x.
     """
     reactions = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
     return sum(push for push, _ in reactions), sum(rate for _, rate in reactions)

@@ -1,4 +1,4 @@
-"""Exact linear decay with a drive, for decay within a step."""
+"""Exact solution of a driven linear decay, for decay times shorter than a step."""
 
 from __future__ import annotations
 

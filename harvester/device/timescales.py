@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 # The default step resolves motion up to this energy, in units of the mean-square velocity E[X'²].
-# The density of the energy falls as exp(−H/E[X'²]), so the energy exceeds this limit for less than
-# 1 % of the time.
+# The density of the energy H falls as exp(−H/E[X'²]), so the energy exceeds this limit for less
+# than 1 % of the time.
 RESOLVED_ENERGY = 5.0
 # Points of the search for equilibria, and nodes of the describing function, which is exact up to
 # the seventh power.
@@ -210,7 +210,7 @@ def driven_square_velocity(system: System, frequency: float) -> float:
 
 
 def base_share(system: System, spacing: float) -> float:
-    """Mean square of the current that the base drives in a piezo, over that of the motion.
+    """Ratio of mean squares of two currents in a piezo: driven by the base, driven by the motion.
 
     The slope of noise that is linear between samples has the mean square 2 D/(τ1² spacing).
 

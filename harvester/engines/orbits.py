@@ -71,7 +71,7 @@ def attractors(
     pool: Workers,
     time_limit: float,
 ) -> tuple[Attractor, ...]:
-    """The motions on which a run's starts settled, the one with the most starts first.
+    """The motions on which a run's starts settled, the most frequent motion first.
 
     The last entries count starts without a motion: unsettled, escaped.
 
@@ -80,7 +80,7 @@ def attractors(
     realizations : dict of int to Realization
         Realizations by their numbers, with stroboscopic samples.
     escaped : int
-        Number of further starts: those that left the range of the spring.
+        Number of further starts, which left the range of the spring.
     pool : Workers
         Integrates nearby states on motions without a period.
     time_limit : float
@@ -167,14 +167,14 @@ class Followed(NamedTuple):
 
 
 def with_orbit(scene: Scene) -> Scene:
-    """The scene with `run.orbit`, the orbit that a study follows: by default the one from rest."""
+    """The scene with `run.orbit`, the orbit that a study follows; by default from rest."""
     if scene.excitation.random or scene.run.orbit:
         return scene
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
 def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Followed:
-    """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
+    """Results on the orbit that `run.orbit` selects from the reached orbits; see `with_orbit`.
 
     `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the largest
     relative step error of a mean power.
@@ -227,7 +227,7 @@ def note_on_one_start(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
-    """A note: the orbit of the quantities, and the power and share of the others."""
+    """A note: the orbit of the quantities, and power and share of the other orbits."""
     sentences = [orbit.sentence(unit_of(scene, "power")) for orbit in orbits]
     if scene.run.orbit == "weighted":
         return f"means over all starts: {', '.join(sentences)}"

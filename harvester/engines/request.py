@@ -59,7 +59,7 @@ class Request:
         Relative error, from standard error and step error, down to which realizations are added; or
         None.
     quantities
-        The precision applies to these; those that the scene does not have are ignored.
+        The precision applies to these quantities; names that the scene does not have are ignored.
     step, tolerance
         Options of the method, if it is given by its name.
     realizations

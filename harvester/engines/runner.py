@@ -41,7 +41,7 @@ class Runner:
     out_of_time
         Whether tasks were skipped because the time budget was spent.
     computed, reused
-        Number of tasks that were computed, and of those reused from the store.
+        Numbers of tasks that were computed, and of tasks whose answers came from the store.
     """
 
     def __init__(

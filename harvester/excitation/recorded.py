@@ -396,7 +396,7 @@ def _motion(measured, column, time_column):
         others &= {*measured.of("acceleration")}
     if len(others) != 1:
         raise SceneError(
-            f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
+            f"{measured.where}: excitation.column is missing; set it to one of {measured.listed()}"
         )
     return others.pop()
 

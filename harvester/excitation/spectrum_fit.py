@@ -15,7 +15,7 @@ from harvester.excitation.recorded import one_pass
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Number of averaged segments, not counting those that overlap two others by half.
+# Number of averaged segments, not counting segments that overlap two others by half.
 STRETCHES = 16
 # Upper limits of fit and comparison, as shares of half the sampling rate. Aliasing of the noise's
 # tail raises the density there by 5 % and 23 %.

@@ -29,7 +29,7 @@ TERMINAL, START_STATE = 2, 6
 
 
 class Energies(NamedTuple):
-    """Energies since the beginning (J); the input is the sum of the others.
+    """Energies since the beginning (J); `input` is the sum of all other energies.
 
     Attributes
     ----------

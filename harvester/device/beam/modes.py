@@ -101,7 +101,7 @@ def modes(
 def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float) -> float:
     """The rotation per moment of the clamp with which the first mode has this frequency.
 
-    Negative if the frequency is above that of a rigid clamp.
+    Negative if the frequency is above the frequency with a rigid clamp.
     """
     square = _square_root_scale(pieces)
     value = math.sqrt(angular_frequency / square)

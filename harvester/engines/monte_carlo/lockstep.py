@@ -44,7 +44,7 @@ STATE_ROWS = 14
     SLOPE, PHASE, LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# The rows after those belong to the end of the step: the motion, the contacts' force and damping
+# The next rows belong to the end of the step: the motion, the contacts' force and damping
 # (1/s), the excitation, and whether the step is rejected.
 ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER
@@ -59,7 +59,7 @@ class BatchWorkspace(NamedTuple):
     Attributes
     ----------
     states, apart
-        All realizations, and copies of those stepped apart; shape (blocks of eight,
+        All realizations, and copies of realizations stepped apart; shape (blocks of eight,
         ROWS · 8).
     which
         Index of the realization in each slot of `apart`.
@@ -266,7 +266,7 @@ def _gather(s, start, end, steps_per_contact, room):
 
 @merged
 def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, room, tally):
-    """Accept the steps tried in `_try`, but shorten those that leave their zone, to be tried again.
+    """Accept the steps tried in `_try`, but shorten and repeat steps that leave their zone.
 
     Returns the number of realizations before the end of the grid's step, and the largest number of
     points of any of them.
