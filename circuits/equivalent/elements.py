@@ -1,7 +1,7 @@
 """Adds the parts of the equivalent circuit that a scene needs.
 
 The mechanics are an RC network with values of order one: the voltage of node `displacement` is X,
-that of `velocity` is X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an
+of node `velocity` X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an
 acceleration over ω². ω (`rate`) is the device's angular frequency. Linear terms are controlled
 sources, which cost ngspice almost nothing; only nonlinear terms are behavioural. An inductor as
 mass would need more Newton iterations per step. The transducer's elements come from its `Network`,

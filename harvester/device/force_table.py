@@ -27,7 +27,7 @@ MOST_PIECES = 32
 TERMS = MOST_PIECES + 1
 # Points of a smoothed table per piece.
 POINTS_PER_PIECE = 3
-# A table is symmetric if its force differs from the mirrored one by less than this share of the
+# A table is symmetric if its force differs from the mirrored force by less than this share of the
 # greatest force.
 SYMMETRY = 1e-9
 CHECKED_POINTS = 201

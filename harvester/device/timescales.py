@@ -168,7 +168,7 @@ def stiffness(system: System, x: float) -> float:
 def well_frequency(system: System, well: float) -> float:
     """The angular frequency (rad/s) of small oscillations about a well, with the transducer open.
 
-    If it is zero, the characteristic rate of the noise is returned.
+    If this frequency is zero, the characteristic rate of the noise is returned.
     """
     mechanical = stiffness(system, well)
     total = mechanical + system.transducer.stiffness(mechanical)

@@ -175,7 +175,7 @@ class _Following:
         self._in_turn = in_turn
         self._store, self._progress = runner._store, runner._progress
         self._returned = [None] * len(plans)
-        # For each plan its tasks and their results; for each task's key the plans that wait for it.
+        # Tasks and results of each plan; by the key of a task, the plans that wait for this task.
         self._wanted, self._results, self._waiting = {}, {}, {}
         # Tasks that have not been submitted yet, with their priorities.
         self._ready, self._number = [], itertools.count()

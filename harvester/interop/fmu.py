@@ -83,9 +83,7 @@ def variables(setup: Prepared) -> list[Variable]:
         Variable("energy_damper", "output", "J", "Lost in the damper"),
         Variable("energy_contacts", "output", "J", "Lost in contacts"),
         Variable("energy_transducer", "output", "J", "Lost in the transducer itself"),
-        Variable(
-            "energy_delivered", "output", "J", "Delivered at the terminals, including the resistor"
-        ),
+        Variable("energy_delivered", "output", "J", "Delivered, including the resistor"),
     ]
 
 
