@@ -358,7 +358,7 @@ def _growth(ratio):
 
 @compiled
 def _length(longest, remaining, step):
-    """The longest allowed step: the grid's divided by a power of 2, or the remainder.
+    """The longest allowed step: the grid step divided by a power of 2, or the remainder.
 
     Matrices are factored per step length, and few are stored (`memory.SLOTS`).
     """

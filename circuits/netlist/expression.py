@@ -463,7 +463,7 @@ def resolved(tree: Tree, names: Names) -> Tree:
         if here[0] == "call":
             return _called(here[1], parts, names)
         if here[0] in ("v", "i") and names.parameters_only:
-            raise NotConstant("a value that changes while the circuit runs")
+            raise NotConstant("must be constant, but changes during the run")
         return _folded(here[0], parts, names) if parts else here
 
     return rebuilt(tree, made)

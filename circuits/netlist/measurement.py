@@ -281,7 +281,7 @@ def evaluated(
             tree = scope.tree(text)
             only = next((leaf[1] for leaf in leaves(tree) if leaf[0] == "call"), None)
             if only in CIRCUIT_ONLY:
-                raise ExpressionError(f"the function {only}()")
+                raise ExpressionError(f"only ngspice has the function {only}()")
         except ExpressionError as reason:
             raise NetlistError(f"{measure.where}: measure: cannot be evaluated: {reason}") from None
         _check_known(measure, tree, known_nodes)

@@ -135,7 +135,7 @@ class Steps:
         yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
 
     def _halved(self, low, high):
-        """Intervals halved until they are short enough; intervals still too long after `HALVINGS`."""
+        """Intervals halved until they are short enough, and intervals still too long at the end."""
         done, total, count = [], 0, low.size
         for _ in range(HALVINGS):
             fine, element = self._fine(low, high)

@@ -279,7 +279,7 @@ def check_expression(card: Card, expression: str, scope: Visible) -> str:
         text = in_ngspices_words(text, scope.dialect)
         check(text, scope.parameters, scope.functions)
     except ExpressionError as fault:
-        refuse(card, f"{fault} in {{{text[:50]}}}")
+        refuse(card, f"{{{text[:50]}}}: {fault}")
     return text
 
 

@@ -75,7 +75,7 @@ class Deferred:
         return self._dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        # This includes `_numba_type_`: numba compiles calls of this object as calls of the
+        # Also for `_numba_type_`, by which numba compiles calls of this object as calls of the
         # dispatcher.
         return getattr(self._dispatcher, name)
 
