@@ -62,7 +62,7 @@ class Traits(NamedTuple):
 
 
 def traits(row: np.ndarray) -> Traits:
-    """The traits of a junction of the table."""
+    """The `Traits` of one junction, from its row in the table of junctions."""
     return Traits(
         bool(row[RESISTANCE] > 0.0),
         bool(np.isfinite(row[BREAKDOWN])),

@@ -249,8 +249,8 @@ def _refine(grids, respect, largest=None):
     for name in NEVER_NEGATIVE:
         if finer.means[name] < 0.0:
             raise AveragingError(
-                f"{name.replace('_', ' ')} is negative on two successive grids: it is too "
-                "small against the terms that it is the difference of; simulate"
+                f"{name.replace('_', ' ')} is negative on two successive grids: it is a small "
+                "difference of large terms, lost by rounding; simulate"
             )
     grids[respect].append(finer)
 

@@ -31,7 +31,7 @@ class HertzDamp(NamedTuple):
     ----------
     stiffness : K l^(n−1)/M.
     exponent
-        n.
+        Exponent n of the depth in the elastic force.
     damping_factor
         ¾ (1 − e²), dimensionless.
     holds

@@ -46,9 +46,9 @@ class Noise(NamedTuple):
 
     Attributes
     ----------
-    intensity : D (scaled length² s⁻³).
+    intensity : noise intensity D (scaled length² s⁻³).
     correlation_time
-        τ1 (s).
+        Correlation time τ1 (s).
     """
 
     intensity: float

@@ -258,7 +258,7 @@ class _Following:
             future.add_done_callback(self._done.put)
 
     def _leave_out(self):
-        """Give all tasks that have not begun the answer None."""
+        """Set the answers of all tasks that have not begun to None."""
         for future in self._futures:
             future.cancel()
         left_out, self._ready = self._ready, []
@@ -267,7 +267,7 @@ class _Following:
             self._settle(task, None, 0.0)
 
     def _end_running(self):
-        """Terminate the running tasks and give them the answer None."""
+        """Terminate the running tasks and set their answers to None."""
         running, self._futures = self._futures, {}
         if running:
             self._runner.out_of_time = True

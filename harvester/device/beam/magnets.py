@@ -164,8 +164,8 @@ def _force_of_charges(magnets, slope, offset, origin):
     domain, before = [-magnets.reach, magnets.reach], None
     if apart and _collide(magnets, slope, offset):
         raise SceneError(
-            f"{origin}: magnets.reach = {magnets.reach:g}: within it the tip's magnet hits one "
-            "on the frame: lower it"
+            f"{origin}: magnets.reach = {magnets.reach:g}: within this displacement the tip's "
+            "magnet hits a magnet on the frame: lower magnets.reach"
         )
     for order in ORDERS if apart else ():
         arguments = magnets, slope, offset, origin, order

@@ -128,5 +128,5 @@ def _draw_side(axes: Any, beam: Beam) -> None:
     axes.axvline(0.0, color="black", linewidth=3.0)
     axes.set(xlim=(-0.03 * length, 1.15 * length), ylim=(-2.0 * reach, 4.0 * reach))
     axes.set(xlabel="from the clamp [mm]", ylabel="[mm], stretched", title="side view")
-    # Above the drawing, which fills its axes.
+    # The legend is above the drawing, which fills its axes.
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
