@@ -56,8 +56,8 @@ OWN_CHARGE = 3e-15
 # longest, then exceeds its tolerance for the end time.
 SHORTEST_RUN = 1000
 # Length of ngspice's first steps as a share of the usual step: they are backward Euler, which takes
-# energy from a moving mass. The printing interval is the same, since ngspice returns to first order
-# at it.
+# energy from a moving mass. The printing interval is as long, since ngspice returns to first order
+# at the end of that interval.
 FIRST_ORDER_SHARE = 1e-3
 # Voltages of the load below this share of one scaled volt do not shorten a step.
 SMALL_VOLTAGE = 1e-3

@@ -273,7 +273,7 @@ def module_of(system: System) -> tuple[str, str]:
     """
     if holding(system):
         raise CompiledDeviceUnavailable(
-            'the compiled device has no stoppers.impact_velocity = "event"'
+            'stoppers.impact_velocity = "event": not for the compiled device; use "energy"'
         )
     if not isinstance(system.transducer, PiezoLaw):
         raise CompiledDeviceUnavailable("the compiled device supports only a piezo")

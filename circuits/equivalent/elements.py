@@ -1,7 +1,7 @@
 """Adds the parts of the equivalent circuit that a scene needs.
 
 The mechanics are an RC network with values of order one: the voltage of node `displacement` is X,
-that of `velocity` is X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an
+of node `velocity` X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an
 acceleration over ω². ω (`rate`) is the device's angular frequency. Linear terms are controlled
 sources, which cost ngspice almost nothing; only nonlinear terms are behavioural. An inductor as
 mass would need more Newton iterations per step. The transducer's elements come from its `Network`,
@@ -78,7 +78,7 @@ def trapezoidal_prewarp_factor(angle: float) -> float:
     """Pre-warping factor that makes the trapezoidal rule exact for an oscillation at ω h.
 
     The rule lowers the frequency ω by the share (ωh)²/12, which may be as large as a resonance's
-    width. For the frequency tan(ωh/2)/(ωh/2) ω it gives exactly ω.
+    width. A circuit of the frequency tan(ωh/2)/(ωh/2) ω is computed with exactly ω.
     """
     return math.tan(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
 
@@ -181,9 +181,9 @@ def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start:
 
     Out of contact, `held_speed` follows the speed at which the mass would reach the next stopper
     with its present energy; in contact no current flows. A time constant of half a step is the
-    shortest without ringing of the trapezoidal rule. The lag of such a node is corrected by that of
-    a second node, `lagging_speed`, which leaves a second-order error. `start` is the initial speed
-    over rate, as text.
+    shortest without ringing of the trapezoidal rule. The lag of a second node, `lagging_speed`,
+    corrects the lag of `held_speed` to a second-order error. `start` is the initial speed over
+    rate, as text.
     """
     held = holding(s)
     conditions = [
@@ -261,7 +261,7 @@ def _add_element(
             element.name, VELOCITY, gnd, f"V{element.plus}", gain
         )
     else:
-        raise ValueError(f"{element.name}: no element of a circuit is a {element.kind!r}")
+        raise ValueError(f"{element.name}: unknown kind of element {element.kind!r}")
 
 
 def _force_gain(element, rate, scales):

@@ -51,12 +51,12 @@ def stand_alone(
     path : ExcitationPath
         Path of the noise, unread; its knots are written to the netlist.
     start : (float, float, float) or None
-        Initial X, X' and transducer's state, scaled; None: those of the first realization.
+        Initial X, X' and transducer's state, scaled; None: the start of the first realization.
     step : str or float
         Longest step, see `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
-        Relative tolerance of ngspice's step control; None: its default, or the one that a load
-        with diodes needs.
+        Relative tolerance of ngspice's step control; None: ngspice's default, or the tolerance that
+        a load with diodes needs.
     integrator : str
         See `circuits.equivalent.assembly.assemble`.
     save : sequence of str

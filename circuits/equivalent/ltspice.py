@@ -87,7 +87,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
         return written(rebuilt(tree, _with_truths), dialect="ltspice")
     except ExpressionError as fault:
         raise NetlistError(
-            f"{expression.strip()[:60]!r}: {fault}; cannot be written for LTspice"
+            f"{expression.strip()[:60]!r}: {fault}; cannot be written for LTspice: rewrite it"
         ) from None
 
 
@@ -98,7 +98,7 @@ def _translated_name(name, behavioural):
 
 
 def _with_truths(tree: Tree, parts: list[Tree]) -> Tree:
-    """Translate conditions: in ngspice nonzero numbers are true, in LTspice those above 0.5."""
+    """Translate conditions: nonzero numbers are true in ngspice, numbers above 0.5 in LTspice."""
     if not parts:
         return tree
     count = {"if": 1, "not": 1, "and": 2, "or": 2}.get(tree[0], 0)

@@ -158,4 +158,4 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
     elif each.kind == "force of current":
         b.enter(velocity, b.branch(DEVICE + each.plus), conductance=row_unit * each.value)
     else:
-        raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
+        raise ValueError(f"{each.name}: unknown kind of element {each.kind!r}")

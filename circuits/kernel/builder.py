@@ -72,7 +72,7 @@ class Builder:
         self.initial.append((a, b, start, abs(value)))
 
     def through(self, name: str, a: int, b: int) -> int:
-        """Add a branch whose current is an unknown; its equation states the voltage across it."""
+        """Add a branch whose current is an unknown and whose equation states its voltage."""
         row = self.branch(name)
         for node, sign in ((a, 1.0), (b, -1.0)):
             self.enter(node, row, conductance=sign)
@@ -87,7 +87,7 @@ class Builder:
         self.initial.append((row, -1, start, value))
 
     def coupling(self, names: list[str], share: float) -> None:
-        """Couple all pairs of inductors."""
+        """Couple all pairs of the named inductors."""
         for k, first in enumerate(names):
             for second in names[k + 1 :]:
                 mutual = share * (self.inductances[first] * self.inductances[second]) ** 0.5
@@ -165,7 +165,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 
 
 def _starts(b, n):
-    """Initial y for the transducer's state 0, and its change per unit of the state: (2, n).
+    """Initial unknowns y for the transducer's state 0, and their change per unit of state: (2, n).
 
     Voltages set by sources are exact. Capacitor voltages and inductor currents are as given; if
     they contradict each other, larger elements have more weight. The first step determines the

@@ -5,16 +5,16 @@ and compiled once per shape, in a fraction of a second; values are in memory. Ea
 arguments of `circuits.kernel.emitter`:
 
 - ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
-- ``predict``: guesses of the junctions' voltages, from the last step by the share of it given.
-- ``begin``: from `right`, less δ (G y − s) of the constant sources, and the rates times a weight,
-  `ordered`; the last number comes onto the velocity's row.
-- ``again``: the same of the second stage, with the first one's `stored` for the rates.
-- ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
-- ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages
-  further ahead by a share of their movement.
+- ``predict``: guesses of the junctions' voltages: a given share of their last change is added.
+- ``begin``: `ordered` of the first stage: `right`, less δ (G y − s) with the constant sources s,
+  plus the rates times a weight; the last argument is added to the velocity's row.
+- ``again``: `ordered` of the second stage: the first stage's `stored` replaces the rates.
+- ``iterate``: one Newton iteration; returns 1 if the junctions' voltages changed little.
+- ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages,
+  extrapolated by a share of their change.
 - ``conclude``: `new_rates` and `error` of a step, from δ, the weight of the first stage in the
-  second and the length.
-- ``error``: `filtered` from `error`; gives the energy of the error.
+  second stage, and the step's length.
+- ``error``: `filtered` from `error`; returns the energy of the error.
 - ``accept``: the step's end becomes the state.
 """
 
@@ -47,11 +47,12 @@ class Shape(NamedTuple):
 
     Attributes
     ----------
-    entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
+    entries, switches, junctions : (row, column) of every entry, (plus, minus) nodes of every switch
+        and junction; ground is n.
     traits : features of each junction, see `junction.traits`.
     behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
     rows, columns : row and unknown at each position of the elimination.
-    linear : unknowns before the core.
+    linear : number of unknowns before the core.
     places : ((row, column) by position, memory index) of each number of the matrix.
     layout : circuits.kernel.memory.Layout
     """
@@ -251,7 +252,7 @@ def _add_behavioural(e, shape, matrix, right):
 
 
 def _finish(e: Emitter, shape: Shape) -> None:
-    """Write `finish`: all unknowns from those of the core, and the transferred charges."""
+    """Write `finish`: all unknowns from the core's unknowns, and the transferred charges."""
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
@@ -278,7 +279,7 @@ def _finish(e: Emitter, shape: Shape) -> None:
 
 
 def _conclude(e: Emitter, shape: Shape) -> None:
-    """Write `conclude`: rates at the step's end, and the error that `ERROR` makes of the rates."""
+    """Write `conclude`: rates at the step's end, and the step's error, with weights `ERROR`."""
     delta, factor, h = e.numbers
     at, per_delta = shape.layout, 1.0 / delta
     for i in range(len(shape.rows)):
@@ -308,7 +309,7 @@ def _accept(e: Emitter, shape: Shape) -> None:
 
 
 def _error(e: Emitter, shape: Shape) -> None:
-    """Write `error`: the error of charges, divided by the matrix, and the energy of both.
+    """Write `error`: the charges' error, divided by the matrix, and the energy of the error.
 
     The division bounds the estimate for stiff networks (Hosea and Shampine 1996).
     """
@@ -335,8 +336,8 @@ class _Group(NamedTuple):
 
     Attributes
     ----------
-    first, width : the first of them, and how many they are.
-    traits : their common features.
+    first, width : index of the first junction, and number of junctions.
+    traits : common features of the junctions.
     """
 
     first: int
@@ -359,7 +360,7 @@ def _groups(shape):
 
 
 def _law(e, shape, group):
-    """The current and charge of a group's junctions, their numbers read from the memory."""
+    """The law of a group's junctions, with parameters read from the memory."""
     address = shape.layout.junctions + group.first
     return junction.Law(e, address, len(shape.junctions), group.width, group.traits)
 

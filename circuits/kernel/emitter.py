@@ -164,7 +164,7 @@ class Emitter:
         return Number(self.builder, _constant(value, count))
 
     def load(self, place: int, in_slot: bool = False, count: int = 0) -> Number:
-        """Load one or several numbers from the memory, relative to its start or to the slot's."""
+        """Load one or several numbers, at an index from the start of the memory or of the slot."""
         return Number(
             self.builder, self.builder.load(self._pointer(place, in_slot, count), align=8)
         )

@@ -164,8 +164,8 @@ def integrate(
         residual of Newton's iterations; otherwise a finer grid would have no effect where the error
         sets the steps.
     lines : sequence of (float, float)
-        (time (s), angular frequency (rad/s)) from which on the device's motion is exact at that
-        frequency; 0: none. The first time is 0.
+        Pairs of a time (s) and an angular frequency (rad/s): from that time on, motion at that
+        frequency is exact; frequency 0: no correction. The first time is 0.
 
     Yields
     ------
@@ -231,28 +231,27 @@ def _trouble(circuit, state, outcome, which):
     ]
     if limited and not np.isfinite(state.values).all():
         return SimulatorAborted(
-            f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
-            f"its range: look at {', '.join(limited[:3])}"
+            f"{stopped}an expression has no value: a root, logarithm, arc function or power is "
+            f"outside its domain: check {', '.join(limited[:3])}"
         )
     if outcome == UNBOUNDED:
         return SimulatorAborted(f"{stopped}{RUNAWAY}{suspicion(circuit.load)}")
     if outcome == CHATTER:
         name, where = circuit.switches[which]
         return LoadChatters(
-            f"{stopped}the switch {name} ({where}) chatters: it turns more than "
+            f"{stopped}the switch {name} ({where}) chatters: it toggles more than "
             f"{stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
         )
     if outcome == SOURCE_CHATTER:
         name, where = circuit.sources[which]
         return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
-    trouble = f"{STALLED}; a current that grows without an end or jumps has this effect"
+    trouble = f"{STALLED}; the cause may be a current that jumps or grows without bound"
     if outcome != CRAWLING:
         moved = np.abs(state.change)
         name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
         trouble = (
-            f"no step is short enough for the load, the trouble is with {name}; a current that "
-            "jumps, or a node that nothing determines, has this effect: give it a capacitor, or a "
-            "smoother expression"
+            f"no step is short enough for the load at {name}; the cause may be a current that "
+            "jumps, or a floating node: give the node a capacitor, or smooth the expression"
         )
     if jumping := jumping_sources(circuit.load.elements):
         names = ", ".join(source.place for source in jumping[:3])

@@ -62,7 +62,7 @@ class Traits(NamedTuple):
 
 
 def traits(row: np.ndarray) -> Traits:
-    """The traits of a junction of the table."""
+    """The `Traits` of one junction, from its row in the table of junctions."""
     return Traits(
         bool(row[RESISTANCE] > 0.0),
         bool(np.isfinite(row[BREAKDOWN])),
@@ -130,8 +130,8 @@ def slope(row: np.ndarray, voltage: float) -> float:
 def _at_breakdown(given, saturation, row, volts):
     """Current (A) at the breakdown voltage.
 
-    The given current, of any area, less the saturation current's part of it in ngspice's
-    condition at the voltage where that alone flows.
+    As in ngspice, the current `given`, for any area, is reduced by (onset/volts − 1) times the
+    saturation current, with the voltage `onset` at which breakdown begins.
     """
     onset = row[BREAKDOWN]
     if not math.isfinite(onset) or given < saturation * onset / volts:

@@ -138,7 +138,7 @@ def _sizes(columns, free_rows):
 
 
 def _best(live, size, allowed, shares):
-    """The pivot with the least fill-in among those large enough in every trial, or None."""
+    """The pivot with the least fill-in that is large enough in every trial, or None."""
     i, j = np.nonzero(allowed)
     sizes = size[i, j]
     cost = (live.sum(axis=1) - 1)[i] * (live.sum(axis=0) - 1)[j] + 1e-3 * (1.0 - sizes)

@@ -69,7 +69,7 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
 def _refuse(each: Element, reason: str) -> NoReturn:
     """Raise LoadError: the compiled engine does not support this element."""
     raise LoadError(
-        f"{each.where}: {each.name}: Monte Carlo does not take {reason}; use the circuit engine"
+        f"{each.where}: {each.name}: Monte Carlo does not support {reason}; use the circuit engine"
     )
 
 
@@ -128,7 +128,7 @@ def _switch(b, each):
     row = (*siemens, each.get("low"), each.get("high"))
     b.switches.append(((*_ends(b, each), *control, int("on" in each.flags), 0), row))
     b.switch_names.append((each.name, each.where))
-    # The entries of a switch are changed in place.
+    # When a switch toggles, its entries are changed in place.
     b.between(*_ends(b, each))
 
 

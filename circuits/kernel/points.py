@@ -44,10 +44,10 @@ def stored_energy(device: Device, probes: Probes, state: State) -> float:
 def given_power(device: Device, probes: Probes, state: State, slope: float, share: float) -> float:
     """Power (scaled) from mass and base to the transducer, less its loss, at a share of the step.
 
-    `slope` is the excitation's.
+    `slope`: rate of change of the excitation.
 
-    Minus the growth of the transducer's energy it is the load's power, even if a pulse discharges
-    the transducer: the motion is then smooth, unlike voltage times current.
+    This power minus the growth of the transducer's energy is the load's power, even if a pulse
+    discharges the transducer: the motion is then smooth, unlike voltage times current.
     """
     y, change, places, units = state.y, state.change, probes.places, probes.units
     branch, state_row = places[1], places[2]
@@ -77,11 +77,11 @@ def add_points(
     noise: float,
     free: tuple[float, float],
 ) -> int:
-    """Record the end of a step; if the power jumped at its beginning, repeat that point.
+    """Record the end of a step; if the power jumped at the step's beginning, repeat that point.
 
     `before` are the load's power and the transducer's energy at the step's beginning, `scale` is
-    its reference energy, `free` the displacements between which no contact is active. Returns the
-    number of points.
+    the transducer's reference energy, `free` the displacements between which no contact is active.
+    Returns the number of points.
     """
     power, stored = before
     last = load_power(probes, state)

@@ -45,7 +45,7 @@ def tr_bdf2_prewarp_factor(angle: float) -> tuple[float, float]:
 
 @merged
 def retime(tables: Tables, state: State, h: float) -> None:
-    """Set the pre-warping for a step of length h if the scene has a line; h = 0: none."""
+    """Set the pre-warping for a step of length h if the excitation has a sine; h = 0: none."""
     scalars = state.scalars[0]
     if scalars.line > 0.0 and scalars.timed_for != h:
         scalars.timed_for = h

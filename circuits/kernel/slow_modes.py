@@ -28,7 +28,7 @@ _ACTIVE = "swqjmb"
 
 
 def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
-    """Matrix G⁻¹ C: times the levels' rates of change, it is their distance from steady state.
+    """Matrix G⁻¹ C, which converts rates of change of levels to distances from steady state.
 
     Parameters
     ----------

@@ -252,15 +252,15 @@ def solve_stage(
     device : circuits.kernel.mechanics.Device
     tables : circuits.kernel.tables.Tables
     state : State
-        `latest` holds a guess of y + u, of the velocity at least where no behavioural source asks
-        for more, `iterated` one of the junctions'.
+        `latest` holds a guess of y + u (without behavioural sources of the velocity alone),
+        `iterated` a guess of the junctions' voltages.
     slot : int
         Slot of the factors, from `slot_of`.
     delta, time : float
     x_base : float
-        X less the part of δ X' in the stage.
+        X₀ in X = X₀ + δ X'.
     zone : (bool, float, float, float)
-        Whether contacts act, between which displacements, and the held speed.
+        Whether contacts act, both ends of the zone, and the held impact speed.
     row_unit : float
         Unit of the velocity's row.
     """

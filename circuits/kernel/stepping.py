@@ -64,7 +64,7 @@ POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIA
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
 # RESTART and LOCATED of a self-oscillating switch, in time constants of its control.
 TURN_RESTART, TURN_LOCATED = 0.05, 0.01
-# The same accuracy, as a share of the step across the switching event.
+# Accuracy of the time of a switching event, as a share of the step that contains the event.
 LOCATED_SHARE = 0.02
 # A corner of a source counts as reached within this share of a grid step plus this share of the
 # time (rounding).
@@ -358,7 +358,7 @@ def _growth(ratio):
 
 @compiled
 def _length(longest, remaining, step):
-    """The longest allowed step: the grid's divided by a power of 2, or the remainder.
+    """The longest allowed step: the grid step divided by a power of 2, or the remainder.
 
     Matrices are factored per step length, and few are stored (`memory.SLOTS`).
     """

@@ -83,7 +83,8 @@ def turn(tables: Tables, state: Any) -> None:
 def missed_self_oscillation(tables: Tables, state: Any) -> float:
     """Largest error of a self-oscillating load's charges and fluxes, over its tolerance.
 
-    It has a separate tolerance, since its energy may be a millionth of the device's.
+    Such a load has a separate tolerance, since its energy may be a millionth of the device's
+    energy.
     """
     sizes, greatest = (0.0, 0.0), 0.0
     for k in range(tables.own.shape[0]):

@@ -105,7 +105,7 @@ def _first_after(time, one, other):
 
 @compiled
 def longest_step(kind: int, row: np.ndarray) -> float:
-    """The longest step that resolves a time-varying source between corners; infinite for lines."""
+    """The longest step that resolves a source between corners; infinite for straight lines."""
     if kind == SINE and row[5] > 0.0:
         return 1.0 / (STEPS_OF_SINE * row[5])
     return np.inf

@@ -49,7 +49,7 @@ class _Foreign(Parser):
             if self.tightness.get(operator) == 0
         }
         if len(mixed) > 1:
-            raise ExpressionError(f"{before} and {sign} beside each other: write parentheses")
+            raise ExpressionError(f"the order of {before} and {sign} is unclear: write parentheses")
         super().check_order(sign, level, loosest, before)
 
     def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
@@ -104,7 +104,7 @@ def _theirs(text):
 
 
 def _ours(text):
-    """Also written as text: trees of a thousand terms are too deep for a comparison."""
+    """The tree in ngspice's syntax, as text: trees of a thousand terms are too deep to compare."""
     try:
         return written(parse(text))
     except ExpressionError:
@@ -123,8 +123,8 @@ def ambiguity(cards: Iterable[Card]) -> str:
         for where, text in unlike if words else ():
             return (
                 f"{where}: {text[:60]} is read in ngspice's syntax, but has another meaning in "
-                f"{dialect}, whose {words[0][:20]!r} it contains: add * dialect: {dialect} or "
-                "* dialect: ngspice to it"
+                f"{dialect}, whose {words[0][:20]!r} is in this file: add a line * dialect: "
+                f"{dialect} or * dialect: ngspice"
             )
     return ""
 

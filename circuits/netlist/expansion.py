@@ -31,7 +31,7 @@ _PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
 
 
 class Length(NamedTuple):
-    """Length of an expanded text: `own` characters plus `share` times those of its arguments."""
+    """Length of an expanded text: `own` plus `share` times the length of its arguments."""
 
     own: int = 0
     share: int = 0

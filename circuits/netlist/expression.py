@@ -43,7 +43,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "pwrs": (2, lambda x, y: ("pwr", x, y)),
     "if": (3, lambda c, a, b: ("if", truth(c), a, b)),
 }
-# Those of them that ngspice lacks or defines differently.
+# Functions above that ngspice lacks or defines differently.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
 # Unsupported functions of other SPICEs, and how to replace them.
 ELSEWHERE = {
@@ -125,13 +125,15 @@ class Parser:
         """Parse a conditional (a ? b : c) or a value."""
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ExpressionError(f"more than {DEEPEST} nested parentheses or conditions")
+            raise ExpressionError(
+                f"more than {DEEPEST} nested parentheses or conditions: nest fewer"
+            )
         tree = self.binary(0)
         if self.peek() == "?":
             self.take()
             yes = self.choice()
             if self.take()[1] != ":":
-                raise ExpressionError("a '?' without its ':'")
+                raise ExpressionError("a '?' without its ':': write condition ? a : b")
             tree = ("if", self.truth(tree), yes, self.choice())
         self.depth -= 1
         return tree
@@ -146,7 +148,7 @@ class Parser:
         return tree
 
     def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
-        """Raise for a == b < c without parentheses: sources and parameters differ in its order."""
+        """Raise for a == b < c: sources and parameters evaluate it in different orders."""
         if level == loosest == TIGHTNESS["<"]:
             raise ExpressionError(
                 f"== or != before {sign}: a source evaluates {sign} first, a parameter "
@@ -228,11 +230,11 @@ class Parser:
         return (_WORDS.get(sign, sign), left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """Parse a power."""
+        """Build the tree of a power."""
         return ("^", base, exponent)
 
     def called(self, name: str, arguments: list[Tree]) -> Tree:
-        """Parse the call of a function."""
+        """Build the tree of a function call."""
         return ("call", name, *arguments)
 
 
@@ -243,7 +245,7 @@ def _tokens(text):
     while position < len(lowered):
         match = _TOKEN.match(lowered, position)
         if not match:
-            raise ExpressionError(f"unexpected character {lowered[position]!r}")
+            raise ExpressionError(f"unexpected character {lowered[position]!r}: remove it")
         kind = str(match.lastgroup)
         tokens.append((kind, match.group(kind)))
         position = match.end()
@@ -252,24 +254,24 @@ def _tokens(text):
         depth += (piece == "(") - (piece == ")")
         questions += (piece == "?") - (piece == ":")
         if depth < 0:
-            raise ExpressionError("one closing parenthesis too many")
+            raise ExpressionError("one closing parenthesis too many: remove it")
         if questions < 0:
-            raise ExpressionError("a ':' without a '?'")
+            raise ExpressionError("a ':' without a '?': write condition ? a : b")
         if depth > DEEPEST:
-            raise ExpressionError(f"parentheses nest deeper than {DEEPEST}")
+            raise ExpressionError(f"parentheses nest deeper than {DEEPEST}: nest fewer")
     if depth:
         raise ExpressionError(f"{depth} closing parenthes{'is' if depth == 1 else 'es'} missing")
     if questions:
-        raise ExpressionError("a '?' without its ':'")
+        raise ExpressionError("a '?' without its ':': write condition ? a : b")
     return [*tokens, ("end", "")]
 
 
 def _number(text):
     value = number(text)
     if AMPERE.fullmatch(text):
-        raise ExpressionError(f"{text}: ngspice 46 reads A as 1e-18, 39 as 1: omit the A")
+        raise ExpressionError(f"{text}: ngspice 46 reads A as 1e-18, version 39 as 1: omit the A")
     if THOUSANDTH_OF_AN_INCH.fullmatch(text):
-        raise ExpressionError(f"{text}: 1e-3 in ngspice's .param: multiply by 25.4u instead")
+        raise ExpressionError(f"{text}: mil is 1e-3 in ngspice's .param: multiply by 25.4u instead")
     if value is None:
         raise ExpressionError(f"{text[:60]} is not a finite number")
     return value
@@ -394,7 +396,7 @@ def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
         if leaf[0] == "name" and leaf[1] not in NAMES and leaf[1] not in parameters:
             truths = ("true", "false", "yes", "no")
             hint = "; write 1 or 0" if leaf[1] in truths else nearest(leaf[1], parameters)
-            raise ExpressionError(f"unknown name {leaf[1][:60]}{hint}")
+            raise ExpressionError(f"unknown name {leaf[1][:60]}{hint}: define it by .param")
         if leaf[0] == "call":
             _check_call(leaf[1], len(leaf) - 2, functions)
 
@@ -422,13 +424,13 @@ def _arguments_of(name, functions):
 
 
 _HIDDEN = {"negative", "and", "or", "not"}
-# All functions that an expression may call, apart from those of the file.
+# All functions that an expression may call, apart from functions defined in the file.
 FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
 FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
 
 def _unknown(name):
-    raise ExpressionError(f"unknown name {name[:60]}")
+    raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
 
 class Names(NamedTuple):
@@ -461,7 +463,7 @@ def resolved(tree: Tree, names: Names) -> Tree:
         if here[0] == "call":
             return _called(here[1], parts, names)
         if here[0] in ("v", "i") and names.parameters_only:
-            raise NotConstant("a value that changes while the circuit runs")
+            raise NotConstant("must be constant, but changes during the run")
         return _folded(here[0], parts, names) if parts else here
 
     return rebuilt(tree, made)
@@ -494,7 +496,7 @@ def _called(name, arguments, names):
 
 
 def _of_parameters(name, arguments):
-    """In ngspice's parameters pow() is C's, and pwr() is the power of the absolute value."""
+    """pow() and pwr() in ngspice's parameters: C's pow(), and the power of the absolute value."""
     x, y = (number[1] for number in arguments)
     try:
         return ("number", math.pow(x if name == "pow" else abs(x), y))
@@ -519,7 +521,7 @@ def _folded(kind, parts, names):
     else:
         value = folded(kind, numbers)
     if not math.isfinite(value):
-        raise ExpressionError(f"{kind} has no value for these numbers")
+        raise ExpressionError(f"{kind} has no value for these numbers: change its arguments")
     return ("number", value)
 
 
@@ -562,7 +564,7 @@ def written(
         texts = [text for text, _ in parts]
         form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
         if sum(map(len, texts)) > LONGEST_WRITTEN:
-            raise ExpressionError("it becomes too long for LTspice: split it")
+            raise ExpressionError("the expression becomes too long for LTspice: split it")
         if form[0].isalpha():
             return form.format(*texts), 9
         texts = [

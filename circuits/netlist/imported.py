@@ -34,7 +34,7 @@ _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 
 class Imported(NamedTuple):
     """A load's statements, each with its line in the schematic's netlist, and one-line notes on
-    rewritten ones.
+    rewritten statements.
     """
 
     cards: tuple[Card, ...]
@@ -47,7 +47,7 @@ class Imported(NamedTuple):
 
 
 def candidates(text: str) -> list[str]:
-    """Nodes of a netlist; first those driven by a source with a waveform: the harvester's."""
+    """Nodes of a netlist; first the nodes of sources with a waveform, probably the harvester's."""
     parts = _topology(text).parts
     driven = [node for part in parts if _is_wave(part) for node in part.ends]
     return list(dict.fromkeys([*driven, *(node for part in parts for node in part.nodes)]))
@@ -129,7 +129,7 @@ def imported(
         depth -= depth and first == ".ends"
     _check_functions(topology, functions)
     notes += [
-        f".func {function}: its voltages and currents belong to the load" for function in functions
+        f".func {function}: rewritten with the load's nodes and sources" for function in functions
     ]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
@@ -177,7 +177,8 @@ def _pins(nodes, current_nodes):
     for node in nodes:
         if _key(node) not in spelt:
             raise NetlistError(
-                f"no node {node[:40]}{nearest(node, current_nodes)}; {listed(current_nodes)}"
+                f"no node {node[:40]}{nearest(node, current_nodes)}; there are "
+                f"{listed(current_nodes)}"
             )
     nodes = [*map(_key, nodes)]
     if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:

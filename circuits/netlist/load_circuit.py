@@ -56,7 +56,7 @@ class LoadCircuit:
     ambiguity : str
         A note on expressions with another meaning in another SPICE; empty if there are none.
     source : (Path, tuple of circuits.netlist.reader.Card)
-        Its file and cards, including those of includes: an argument of `read_load`.
+        The file, and its cards with all included files: an argument of `read_load`.
     """
 
     text: str
@@ -123,7 +123,7 @@ class LoadCircuit:
 
     @property
     def sha256(self) -> str:
-        """Digest of its cards, including those of includes, and of the given values."""
+        """Digest of the file's cards, with all included files, and of the given values."""
         identity = f"{self.text}{self.name}{self.parameters}"
         return hashlib.sha256(identity.encode()).hexdigest()
 

@@ -35,7 +35,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     outputs = [part for part in load.across_output if part.letter == "r"]
     if load.has_output and not outputs and all(measure.kind != OUTPUT for measure in load.measures):
         notes.append(
-            "no resistor lies across out and ref and no measure is an output: its power is 0"
+            "no resistor lies across out and ref and no measure is an output: the output power is 0"
         )
     for element in load.across_output:
         small = LEAST_STORAGE if element.letter == "c" else LEAST_LOAD
@@ -43,8 +43,8 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
             unit = "F" if element.letter == "c" else "Ω"
             notes.append(
                 f"{element.place} across the output is {element.size:g} {unit}: "
-                "in SPICE F after a number is femto and M is milli; a farad has no letter, "
-                "a million is meg"
+                "in SPICE F after a number is femto and M is milli; write no letter for farad, "
+                "meg for a million"
             )
     notes += [
         f"{source.place} depends on its own output through the node {node}: a "

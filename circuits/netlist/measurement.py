@@ -49,7 +49,7 @@ class Measurement:
     Attributes
     ----------
     rows : tuple of (str, str)
-        Kind and name of each value; the power that a state takes has the kind `TAKEN`. Levels last.
+        Kind and name of each value, levels last; power taken in a state has the kind `TAKEN`.
     trees : tuple
         Expressions of the measures, see `circuits.netlist.expression`.
     watched : tuple of str
@@ -281,7 +281,7 @@ def evaluated(
             tree = scope.tree(text)
             only = next((leaf[1] for leaf in leaves(tree) if leaf[0] == "call"), None)
             if only in CIRCUIT_ONLY:
-                raise ExpressionError(f"the function {only}()")
+                raise ExpressionError(f"only ngspice has the function {only}()")
         except ExpressionError as reason:
             raise NetlistError(f"{measure.where}: measure: cannot be evaluated: {reason}") from None
         _check_known(measure, tree, known_nodes)

@@ -81,11 +81,13 @@ def size(
     """
     model = model or Model("", letter, ())
     if model.kind != letter:
-        raise ExpressionError(f"the model {model.name} is one of {model.kind}, not of {letter}")
+        raise ExpressionError(
+            f"the model {model.name} is of kind {model.kind}: name a model of kind {letter}"
+        )
     if nominal is None:
         nominal = _by_model(letter, model, numbers)
     if nominal is None:
-        raise ExpressionError("it has no value: write one after its nodes, or name a model")
+        raise ExpressionError("it has no value: write a value after the nodes, or name a model")
     temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
     warmer = temperature - model.get("tnom", TEMPERATURE)
     first = _first_of(numbers, model, "tc1", "tc", "tc1r")

@@ -1,4 +1,4 @@
-"""Voltages that only the load's sources determine: as functions of time, and at the start."""
+"""Voltages that the load's sources alone determine, as functions of time and at the start."""
 
 from __future__ import annotations
 

@@ -93,12 +93,14 @@ class _Reader:
         if real in including:
             raise NetlistError(f"{shown_place}: includes itself; remove the .include")
         if len(including) >= DEEPEST_INCLUDE:
-            raise NetlistError(f"{shown_place}: includes nest deeper than {DEEPEST_INCLUDE} files")
+            raise NetlistError(
+                f"{shown_place}: includes nest deeper than {DEEPEST_INCLUDE} files: nest fewer"
+            )
         cards = []
         for card in statements(text or self._text(path, shown_place), path.name):
             if len(card.text) > LONGEST_CARD:
                 raise NetlistError(
-                    f"{card.where}: a statement of {len(card.text)} characters; at most "
+                    f"{card.where}: a statement of {len(card.text)} characters: shorten it to "
                     f"{LONGEST_CARD}"
                 )
             self._cards += 1
@@ -120,10 +122,12 @@ class _Reader:
         """Contents of a file in any usual encoding."""
         self._files += 1
         if self._files > MOST_FILES:
-            raise NetlistError(f"{shown_place}: more than {MOST_FILES} files are included")
+            raise NetlistError(
+                f"{shown_place}: more than {MOST_FILES} files are included: include fewer"
+            )
         with _named(shown_place):
             if not path.is_file():
-                raise NetlistError(f"{shown_place}: is not a regular file")
+                raise NetlistError(f"{shown_place}: is not a regular file: name a netlist file")
             # Reads at most the file's size: a file with the reported size 0 may be endless.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
             with path.open("rb") as file:
@@ -131,7 +135,7 @@ class _Reader:
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(
-                f"{shown_place}: more than {MOST_BYTES // 1000} kB with its includes"
+                f"{shown_place}: more than {MOST_BYTES // 1000} kB with its includes: shorten it"
             )
         return _decoded(content)
 
@@ -156,7 +160,7 @@ def _included(argument, folder_of_file, folder, where):
     if outside:
         raise NetlistError(f"{shown_place}: is outside the load's folder: copy it into this folder")
     if missing:
-        raise NetlistError(f"{shown_place}: no such file in the load's folder")
+        raise NetlistError(f"{shown_place}: no such file in the load's folder: check the name")
     return path
 
 
@@ -208,7 +212,9 @@ def statements(text: str, name: str) -> list[Card]:
             cards.append(([stripped], where))
             last = last if directive else cards[-1]
         elif last is None:
-            raise NetlistError(f"{where}: a line begins with + but continues no statement")
+            raise NetlistError(
+                f"{where}: a line begins with + but continues no statement: remove the +"
+            )
         elif stripped != "+":
             last[0].append(stripped[1:].strip())
     return [Card(" ".join(lines), where) for lines, where in cards]

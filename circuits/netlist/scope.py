@@ -75,7 +75,7 @@ class Scope:
         names = Names(lambda name: ("number", self.parameter(name)), self.function, True)
         result = resolved(parse(text.strip("{}")), names)
         if not is_constant(result):
-            raise NotConstant("a value that changes while the circuit runs")
+            raise NotConstant("must be constant, but changes during the run")
         return float(result[1])
 
     def tree(self, text: str) -> Tree:
@@ -88,7 +88,7 @@ class Scope:
         if name == "time":
             return ("time",)
         if name == "hertz":
-            raise NotConstant("hertz, which is defined only in an AC analysis")
+            raise NotConstant("hertz is defined only in an AC analysis: remove it")
         value = self.parameter(name)
         if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
             raise ExpressionError(f"{name} is a constant of ngspice: rename the parameter")
@@ -102,7 +102,7 @@ class Scope:
         ExpressionError
         """
         if name in ("time", "hertz"):
-            raise NotConstant(f"{name} changes during the run")
+            raise NotConstant(f"{name} changes during the run: write a constant")
         if name not in self._under_way:
             if name in self.given:
                 return self.given[name]
@@ -116,7 +116,7 @@ class Scope:
         raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
     def _evaluated(self, name, text):
-        """A value of this sub-circuit; its own name in it refers to the enclosing scope."""
+        """Evaluate a parameter; within its own value, its name refers to the enclosing scope."""
         if name in self._values:
             return self._values[name]
         alone = not self._under_way
@@ -130,7 +130,7 @@ class Scope:
         return value
 
     def function(self, name: str) -> Any:
-        """(arguments, tree, function lookup there) of a function of the file, or None."""
+        """(arguments, tree, lookup of functions in its scope) of a file's function, or None."""
         for scope in self.outwards():
             if name in scope.circuit.functions:
                 _, arguments, expression = scope.circuit.functions[name]

@@ -198,7 +198,7 @@ class _Circuit:
     def _storage(self):
         """Incidence of each capacitor and coil, one per column, and the matrix of their sizes.
 
-        This gives as many modes as stores, and none from rounding.
+        The number of modes then equals the number of stores; rounding adds none.
         """
         names = [*self._stores]
         ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)

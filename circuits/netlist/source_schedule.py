@@ -2,8 +2,8 @@
 
 Sources and expressions of time vary independently of the device. Both engines query here the
 longest step and the times at which steps must end. These follow from bounds of the expressions over
-intervals: if one changes by more than a share of its swing, the interval is halved; if it still
-does in the shortest interval, it is a jump.
+intervals: an interval is halved while an expression changes in it by more than a share of its
+swing; such a change in the shortest interval is a jump.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 # Number of halvings of a grid step after which a remaining change is a jump.
 HALVINGS = 20
 # Accuracy of an engine's clock, as a share of a step of the grid. A jump at the end of an interval
-# belongs to it.
+# belongs to that interval.
 CLOCK = 1e-8
 # Number of grid steps that are examined in advance.
 AHEAD = 64
@@ -135,7 +135,7 @@ class Steps:
         yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
 
     def _halved(self, low, high):
-        """Intervals halved until they are short enough, and those that are not after `HALVINGS`."""
+        """Intervals halved until they are short enough, and intervals still too long at the end."""
         done, total, count = [], 0, low.size
         for _ in range(HALVINGS):
             fine, element = self._fine(low, high)

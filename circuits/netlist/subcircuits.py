@@ -78,7 +78,7 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         if os.path.isfile(path):
             return path
         if os.path.isdir(path):
-            raise NetlistError(f"load.netlist = {netlist[:200]!r}: is a folder, not a file")
+            raise NetlistError(f"load.netlist = {netlist[:200]!r}: is a folder: name a file in it")
     looked = " and ".join(str(Path(folder).absolute()) for folder in folders)
     raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
 
@@ -96,7 +96,7 @@ def read_load(
     path : Path
         Path from `find_netlist`.
     subcircuit : str or None
-        Name in the file; None: the one named like the file, or the only one with these pins.
+        Name in the file; None: the sub-circuit named like the file, or the only one that fits.
     parameters : dict of str to (float or str), optional
         Values of the sub-circuit's parameters and the file's `.param`; "100k" means 1e5.
     cards : sequence of Card, optional

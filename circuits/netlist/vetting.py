@@ -97,7 +97,7 @@ class Line:
     words : all words after name and nodes, as written to a netlist.
     values : values of R, C, L in their order; the gain of a controlled source or K; values of Q and
         J after the model; constants of a source.
-    bare : those of `values` without a key.
+    bare : values without a key, a part of `values`.
     controls : sources or coils that control it.
     models : names of its models; only R, C and L may have several, rejected later.
     named : name=value settings.
@@ -266,7 +266,7 @@ def check_value(card: Card, value: str, scope: Visible, what: str = "value") -> 
         return "{" + value + "}"
     excerpt = f"{what} {value[:LONGEST_SHOWN]}"
     if AMPERE.fullmatch(value):
-        refuse(card, f"{excerpt}: ngspice 46 reads A as 1e-18, 39 as 1: omit the A")
+        refuse(card, f"{excerpt}: ngspice 46 reads A as 1e-18, version 39 as 1: omit the A")
     if NUMBER.fullmatch(value):
         refuse(card, f"{excerpt} is not finite")
     refuse(card, f"{what} {value[:40]!r} is not a number{nearest(value, scope.parameters)}")
@@ -279,7 +279,7 @@ def check_expression(card: Card, expression: str, scope: Visible) -> str:
         text = in_ngspices_words(text, scope.dialect)
         check(text, scope.parameters, scope.functions)
     except ExpressionError as fault:
-        refuse(card, f"{fault} in {{{text[:50]}}}")
+        refuse(card, f"{{{text[:50]}}}: {fault}")
     return text
 
 
@@ -481,7 +481,7 @@ def _multiplied(line, text, scope):
     if not match:
         return text
     if line.name[0] in "eh" or match.group(1).startswith("v="):
-        cure = "parallel voltage sources are equal to one: remove it"
+        cure = "parallel voltage sources are equal to one: remove m="
         refuse(line.card, f"m={match.group(2)[:40]}: {cure}")
     line.named["m"] = check_value(line.card, match.group(2), scope)
     line.words.append(f"m={line.named['m']}")

@@ -60,7 +60,7 @@ FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
 # A step proposed by ngspice is unchanged if more than this number of such steps remains to the next
-# grid point. It may end at a source's corner, which dividing the remainder would only approach.
+# grid point: the step may end at a source's corner, which equal steps would only approach.
 # Otherwise the remainder is divided into equal steps.
 STEPS_TO_DIVIDE = 1.8
 # A source's corner within this share of a grid step of a grid point is merged with it; ngspice
@@ -177,7 +177,7 @@ def _fast(state, h):
 def _slowed(state, h):
     """Correction of the pre-warping at the end of a step of h.
 
-    A step uses the mean of its two ends; the remainder is added to the next step.
+    A step uses the mean of the corrections at its ends; the remainder is added to the next step.
     """
     return _fast(state, h) + state.owed * state.steps_per_sample / state.spacing
 
@@ -186,8 +186,8 @@ def _slowed(state, h):
 def _slowing(state, copy, h, displaces):
     """Pre-warping source of a copy's displacement, or velocity, at the end of a step of h.
 
-    Both are predicted for a motion at the line's frequency. Correcting only one would pump energy,
-    since steps are short at one phase of the motion.
+    Both are predicted for a motion at the frequency `line`. Correcting only one of both would add
+    energy, since steps are short at one phase of the motion.
     """
     shape = (state.copies, state.points, state.columns)
     row = carray(_pointer(state.buffer), shape, np.float64)[copy, (state.count - 1) % state.points]
@@ -288,8 +288,8 @@ def _device(typingctx, user, address):
 def _resolved(state, s, copy, row, ahead, step):
     """Longest step from an accepted point of one copy that resolves the contacts.
 
-    `row` is the point's row of the buffer, `ahead` the noise at the next knot, `step` the grid's.
-    Stores the acceleration.
+    `row` is the point's row of the buffer, `ahead` the noise at the next knot, `step` the grid
+    step. Stores the acceleration.
     """
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
     electrical = row[TRANSDUCER] * state.state_scale
@@ -332,7 +332,7 @@ def _load_step(state, copy, points, step, longest):
 def _shortest(state, s, ahead, step):
     """Longest step that resolves contacts and loads of all copies.
 
-    `ahead` is the next knot's index in the window, `step` the grid's.
+    `ahead` is the next knot's index in the window, `step` the grid step.
     """
     shape = (state.copies, state.points, state.columns)
     buffer = carray(_pointer(state.buffer), shape, np.float64)
@@ -349,9 +349,9 @@ def _shortest(state, s, ahead, step):
 
 @inlined
 def _planned(state, time, remaining, step):
-    """Time until the next planned end of a step by the load, and the longest step it allows.
+    """Time until the next step end in the load's plan, and the longest step that the plan allows.
 
-    After a jump steps double, starting from its width, as after a switching event.
+    After a jump steps double, starting from the jump's width, as after a switching event.
     """
     while time > state.planned_to - MERGED * step:
         _call(state.service, np.int32(PLAN_ENDS))

@@ -38,7 +38,7 @@ def cache_folder() -> Path:
 
 
 def find_compiler() -> str | None:
-    """Path of openvaf-r: the one on PATH, else the one of the extra `fast`.
+    """Path of the compiler openvaf-r: from PATH, else from the extra `fast`.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def compiled_file(text: str) -> Path:
             return _compile(compiler, text, Path(work), folder, key)
     except OSError as error:
         raise CompiledDeviceUnavailable(
-            f"cannot keep the compiled device in {folder}: {error.strerror or error}; "
+            f"cannot store the compiled device in {folder}: {error.strerror or error}; "
             "set XDG_CACHE_HOME to a folder that can be written"
         ) from None
 

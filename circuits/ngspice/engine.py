@@ -36,7 +36,7 @@ def run_realizations(
     observers: list[Any],
     outputs: Any = None,
 ) -> dict[str, str]:
-    """Run realizations side by side in one netlist through ngspice; see `Engine`.
+    """Run realizations in one netlist through ngspice, with common steps; see `Engine`.
 
     `circuit` is a `harvester.engines.methods.Circuit`. A PWL source supports one realization.
     """

@@ -63,7 +63,7 @@ def find_library() -> str:
 
 
 def code_models(library: str) -> list[Path]:
-    """ngspice's code models next to the library; those of another release would crash it.
+    """ngspice's code models next to the library; models of another release would crash ngspice.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def no_initialisation_files() -> Iterator[None]:
     """Hide ngspice's initialisation files while it starts within the block.
 
     ngspice reads spinit below SPICE_LIB_DIR, then the first of .spiceinit and spice.rc in the
-    working folder and the home folder. It finds the home folder without HOME, so an empty file in
-    the working folder hides that one.
+    working folder and the home folder. ngspice finds the home folder without HOME, so an empty file
+    in the working folder hides the file in the home folder.
     """
     before = dict(os.environ)
     with TemporaryFolder() as empty, contextlib.chdir(empty):

@@ -26,13 +26,13 @@ GROWTH = 2.0
 # A step takes this share of the time left to a switching event. ngspice repeats a step that ends
 # nearer to the threshold than 1.2 times the control's last change: 0.45 leaves 0.55/0.45 = 1.22.
 APPROACH = 0.45
-# A step takes this share of the time left to a zero of a coil's current, where a series diode ends
-# it. A current below IDLE times the allowed error is ignored.
+# A step takes this share of the time left to a zero of a coil's current, at which a series diode
+# blocks. A current below IDLE times the allowed error is ignored.
 COIL_APPROACH, IDLE = 0.5, 10.0
 # A switching event is located to LOCATED of the switch's hysteresis, since a control that
-# overshoots may toggle another switch. The best accuracy is LEAST_LOCATED of the shortest step, or
-# under control by the local error that step of the default grid: in shorter steps ngspice's Newton
-# iterations fail.
+# overshoots may toggle another switch. The best accuracy is LEAST_LOCATED of the shortest step, or,
+# if ngspice controls the local error, the default grid's shortest step: in shorter steps
+# ngspice's Newton iterations fail.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 # SHORTEST, RESTART and LOCATED of an endlessly toggling switch, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
@@ -84,9 +84,9 @@ def resolving_step(
     now : (int, int, int, int)
         Indices of the latest points, the newest first.
     switches : ndarray, shape (switches, 2)
-        Control above which each closes, below which it opens.
+        Control above which each switch closes, and below which it opens.
     stores : ndarray, shape (stores, 2)
-        F or H, and 1 for a coil.
+        Capacitance (F) or inductance (H); 1 for a coil, else 0.
     memory : ndarray, shape (switches + 1,)
         States of the switches (open, unknown, closed), and twice the reference energy (J); updated.
     energy : float

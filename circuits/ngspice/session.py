@@ -377,7 +377,7 @@ class Session(NgSpiceShared):
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
-                cause = "a force or a current that jumps, as dry friction does, has this effect"
+                cause = "the cause may be a force or a current that jumps, such as dry friction"
                 trouble = f"{STALLED}; {cause}"
                 if self.circuit_load and (jumping := jumping_sources(self.circuit_load.elements)):
                     trouble += f"; look at {', '.join(source.place for source in jumping[:3])}"
@@ -433,13 +433,15 @@ class Session(NgSpiceShared):
     def _check_end(self, stop):
         if not self._finite:
             raise SolutionDiverged(
-                f"ngspice returned values that are not finite after t = {self._time_reached:g}"
+                f"ngspice returned values that are not finite after t = {self._time_reached:g}; "
+                "choose a shorter step"
             )
         if self._time_reached < stop * (1.0 - 1e-9):
             if messages.abortion(self.errors):
                 raise self._abortion()
             raise SolutionDiverged(
-                f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message"
+                f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message; "
+                "choose a shorter step"
             )
 
     def _receive_message(self, message, identity, user):

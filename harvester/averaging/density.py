@@ -13,14 +13,14 @@ FINER = 10
 # Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
 # orbits.
 EVEN, TURNING = 100, 100
-# Number of even intervals for the integral of a density of X', in addition to those between orbits.
+# Number of even intervals for the integral of a density of X', added to intervals between orbits.
 PIECES = 1500
-# Orbits with less than this share of the greatest g are not tabulated.
+# Orbits whose probability density g is below this share of the greatest are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
 
 
 class Layer:
-    """A quantity that is constant on each orbit of an edge, as a function of the phase plane.
+    """A quantity that is constant on each orbit of an `Edge`, as a function of X and X'.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Layer:
     filled : bool
         Whether the area inside the innermost orbit has that orbit's value; else 0.
     floor
-        Subtracted from the value.
+        Amount that is subtracted from the value.
     """
 
     def __init__(

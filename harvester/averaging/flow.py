@@ -1,4 +1,4 @@
-"""Flow of a grid's nodes in one step at fixed Z and η, and redistribution of their mass.
+"""Flow of a grid's nodes in one step at fixed charge Z and noise η, and sharing of their mass.
 
 The paths are integrated by the Dormand–Prince method of order five, each with its own steps, so
 that a short contact slows only the paths in contact. The mass that arrives between nodes is shared
@@ -41,10 +41,10 @@ class PhaseGrid(NamedTuple):
     x, v
         Evenly spaced displacements and velocities.
     z
-        Nodes of Z, ascending; a single node for a transducer without a state.
+        Nodes of Z = X − V, ascending; a single node for a transducer without a state.
     mirrored : bool
-        Only the upper half of `z` is stored: the other half follows by (X, X', Z, η) → −(X, X', Z,
-        η). All nodes are then symmetric about 0.
+        Only the upper half of `z` is stored: the lower half is its mirror image under
+        (X, X', Z, η) → −(X, X', Z, η). All nodes are then symmetric about 0.
     modes : Hermite functions of η; one for white noise.
     step
         Time step (s).
@@ -75,8 +75,8 @@ class PhaseGrid(NamedTuple):
 
 
 def shared_ends(device: System, grid: PhaseGrid) -> tuple[np.ndarray, ...]:
-    """For `shared`: nodes around the end of each node's path after a step, and their shares of its
-    mass.
+    """Nodes around the end of each node's path after a step, and the shares of the node's mass that
+    they receive; for `shared`.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def shared_ends(device: System, grid: PhaseGrid) -> tuple[np.ndarray, ...]:
 
 
 def shared(state: np.ndarray, ends: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The state one step later, each node's mass shared about its end, in the ends' precision."""
+    """The state one step later: each node's mass is shared among the nodes at its path's end."""
     state = np.ascontiguousarray(state, dtype=ends[1].dtype)
     moved = np.zeros_like(state)
     _share(state, *ends, moved)
@@ -153,10 +153,10 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
 
 
 def _neighbours(places, nodes, width):
-    """Index of the first of the nodes around each position, and their shares of its mass.
+    """Index of the first node around each position, and the shares of mass of all nodes around it.
 
-    Six nodes share it by Lagrange's weights, the others have none. Mass beyond the last node stays
-    there.
+    Six nodes share the mass by Lagrange's weights, the others receive none. Mass beyond the last
+    node stays at that node.
     """
     position = np.clip((places - nodes[0]) / (nodes[1] - nodes[0]), 0.0, nodes.size - 1.0)
     neighbour = np.clip(position.astype(np.int32) - 2, 0, nodes.size - NEIGHBOURS)

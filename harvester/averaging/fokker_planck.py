@@ -1,4 +1,4 @@
-"""Closure `fokker_planck`: the stationary density of (X, X', Z, η), without averaging.
+"""Closure `fokker_planck`: stationary density of motion (X, X'), charge Z and noise η.
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is advanced in time by
 `propagator`. The stationary density is invariant under P, the propagator over about one period:
@@ -34,7 +34,7 @@ NODES_PER_DECADE = 3.0
 # No pair of grids shows the errors of the range, of the nodes of Z and of the convergence
 # criterion: their sum is stated as this share of the tolerance.
 UNSEEN_ERROR = 0.2
-# If λ times the period is below this, and motion leaves its well less often than the charge decays,
+# If the charge's decay rate times the period is below this, and motion leaves its well more rarely,
 # the error of the nodes of Z is not small: jumps are much more frequent at some nodes than at
 # others. A grid with more nodes of Z then shows it.
 SLOW_CHARGE = 0.1
@@ -47,12 +47,12 @@ SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 REGION_ATTEMPTS = 8
 # Shortest contact, in periods of small oscillations; devices with shorter ones are rejected.
 SHORTEST_CONTACT = 2e-2
-# λ times the period: above the first value steps would be too short; below the second so many
+# Decay rate times period: above the first value steps would be too short; below the second so many
 # vectors would be needed that means are extrapolated from faster rates instead.
 FASTEST_DECAY = 60.0
 SLOWEST_DECAY = 2e-3
-# Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.
-# Such a line enlarges errors: both means are found to LINE_TOLERANCE_SHARE of the tolerance, with
+# Means at slower rates are extrapolated linearly from the slowest rate and FARTHER times that rate.
+# Such a line enlarges errors: both means are exact to LINE_TOLERANCE_SHARE of the tolerance, with
 # CONTINUED_WORK times the work that is usually allowed.
 FARTHER = 2.0
 LINE_TOLERANCE_SHARE = 0.3
@@ -116,8 +116,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 def outline(device: System) -> GridDensity:
     """Densities on the first coarse grid, within tenths of a second.
 
-    No error is estimated: means on that grid differ by up to 10 % from those of `fokker_planck`,
-    which rejects the same devices.
+    No error is estimated: means on that grid differ by up to 10 % from the means of
+    `fokker_planck`, which rejects the same devices.
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
@@ -152,8 +152,8 @@ def _check(device):
 def _slow_decay(device, slowest, tolerance):
     """Means on the straight line through those at two slow rates of decay, towards λ = 0.
 
-    There Z is the slowest variable, and the means are linear in λ. If jumps between the wells are
-    slower still, the means are not linear: the extrapolated difference counts as numerical error.
+    At slow rates λ the charge Z is the slowest variable, and the means are linear in λ. If jumps
+    between the wells are slower still, they are not: the extrapolated difference counts as error.
     """
     part, rate = device.transducer, device.transducer.decay_rate()
     answers = []
@@ -170,10 +170,10 @@ def _slow_decay(device, slowest, tolerance):
     name, excess = _worst(means, error)
     if excess > tolerance:
         raise AveragingError(
-            f"the transducer's charge decays at {rate:.3g} /s: from {slowest:.3g} /s, the slowest "
-            f"that fokker_planck takes by itself, {name.replace('_', ' ')} is continued by "
-            f"{excess:.2g} of itself, more than the tolerance of {tolerance:g}: jumps between the "
-            "wells are as slow; simulate"
+            f"the transducer's charge decays at {rate:.3g} /s, more slowly than fokker_planck's "
+            f"limit of {slowest:.3g} /s: extrapolation changes {name.replace('_', ' ')} by "
+            f"{excess:.2g} of its value, more than the tolerance of {tolerance:g}, since jumps "
+            "between the wells are as slow: simulate"
         )
     return _answer((grids, means, error))
 
@@ -189,7 +189,7 @@ def _refined(task, share=1.0):
     _refine(grids, "nodes")
     while (worst := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", worst)
-    # The coarser grid would mix the error of the nodes with that of the step.
+    # On the coarser grid the errors of nodes and step could not be separated.
     before, after = (solution.means.get("well_crossing_rate", 0.0) for solution in nodes[-2:])
     rate, time = task.device.transducer.decay_rate(), period(task.device)
     leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
@@ -221,8 +221,8 @@ def _first(task, tolerance):
         and requested < solved
     ):
         raise AveragingError(
-            f"the transducer's charge decays at {requested:.3g} /s: jumps between the wells are as "
-            f"slow as the {solved:.3g} /s from which fokker_planck continues its means: simulate"
+            f"the transducer's charge decays at {requested:.3g} /s: fokker_planck extrapolates its "
+            f"means from {solved:.3g} /s, and jumps between the wells are as slow: simulate"
         )
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
     level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)
@@ -243,15 +243,14 @@ def _refine(grids, respect, largest=None):
             raise
         name, share = largest
         raise AveragingError(
-            f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
-            f"{last.level.tolerance:g}, on the finest grid: raise the tolerance, or "
-            "simulate"
+            f"the relative error of {name.replace('_', ' ')} on the finest grid is {share:.2g}, "
+            f"above the tolerance of {last.level.tolerance:g}: raise the tolerance, or simulate"
         ) from refusal
     for name in NEVER_NEGATIVE:
         if finer.means[name] < 0.0:
             raise AveragingError(
-                f"{name.replace('_', ' ')} is negative on two successive grids: it is too "
-                "small against the terms that it is the difference of; simulate"
+                f"{name.replace('_', ' ')} is negative on two successive grids: it is a small "
+                "difference of large terms, lost by rounding; simulate"
             )
     grids[respect].append(finer)
 
@@ -284,8 +283,7 @@ def _region_and_density(task):
 
 
 def _changed(solutions):
-    """Among the means `JUDGED`, the one with the largest relative change on the last grid,
-    and that change."""
+    """The mean in `JUDGED` with the largest relative change on the last grid, and that change."""
     before, last = (solution.means for solution in solutions[-2:])
     return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 
@@ -311,7 +309,7 @@ def _corrected(grids):
 def _compared(grids, find):
     """Rates by `find`; error: the whole change between the two grids of each kind of refinement.
 
-    Empty where it takes too many steps.
+    Empty if `find` takes too many steps.
     """
     # The order matters: each grid starts from the state of the previous one.
     rates_of = find(dict.fromkeys(solution for pair in grids.values() for solution in pair))
@@ -348,7 +346,7 @@ def _worst(means, error):
 
 
 def _answer(refined, memory=False):
-    """The answer: means and errors, and for several wells the rates between them."""
+    """Means and their errors, and for several wells the rates of jumps between them."""
     grids, means, error = refined
     fields = Averages.__dataclass_fields__
     between_wells = {name: means.pop(name) for name in list(means) if name not in fields}

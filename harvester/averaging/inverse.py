@@ -13,19 +13,19 @@ from harvester.base.errors import AveragingError
 
 Map = Callable[[np.ndarray], np.ndarray]
 
-# Largest memory of the directions, in bytes: a large state allows fewer directions.
+# Largest memory of the search directions, in bytes: a large state allows fewer of them.
 LARGEST_BASIS = 2e8
-# Largest number of stored directions.
+# Largest number of stored search directions.
 MOST_DIRECTIONS = 150
-# Largest number of new directions for one solution.
+# Largest number of new search directions for one solution.
 MOST_SOUGHT = 400
-# If a direction leaves more than this share of the residual, the coarser grid's solution is no
-# longer used as its start.
+# If a search direction leaves more than this share of the residual, new directions no longer
+# contain the coarser grid's solution.
 POOR_DIRECTION_REST = 0.9
-# Number type of the stored directions, and its size in bytes. Their images under the equation have
-# the same precision, so that rounding does no harm.
+# Number type of the stored search directions, and its size in bytes. The directions' images under
+# the equation have the same precision, so that rounding does no harm.
 KEPT, BYTES = np.float32, 4
-# If less than this share of a direction is independent of the others, the iteration ends.
+# If less than this share of a search direction is independent of the others, the iteration ends.
 SMALLEST_NEW_PART = 1e-6
 # A residual is recomputed once it has fallen to this share. Stored directions have single
 # precision, which limits the reduction without recomputing.
@@ -35,7 +35,7 @@ SUFFICIENT_REDUCTION = 0.1
 
 
 class Inverse:
-    """Solves decayed · x − later(x) = rest by generalised conjugate residuals with stored
+    """Solves decayed · x − later(x) = rest by generalised conjugate residuals with stored search
     directions.
 
     Each direction's image is orthogonal to all earlier ones, so that stored directions also serve
@@ -143,7 +143,7 @@ class Inverse:
         return (rest + moved(correction, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
-        """Add a direction, orthogonalised; False if it depends on the earlier ones."""
+        """Add a search direction, orthogonalised; False if it depends on the earlier ones."""
         if self._directions.size == 0:
             held = int(LARGEST_BASIS / (2 * BYTES * new.size))
             shape = max(1, min(MOST_DIRECTIONS, held)), new.size
@@ -180,7 +180,7 @@ def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0
 
 
 def _interpolation(old, new):
-    """Matrix from probabilities at even nodes to those at `new`, by cubic splines; 0 outside."""
+    """Matrix from probabilities at nodes `old` to nodes `new`, by cubic splines; 0 outside."""
     cells = (new[1] - new[0]) / (old[1] - old[0])
     inside = (new >= old[0]) & (new <= old[-1])
     return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)

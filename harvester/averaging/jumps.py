@@ -1,7 +1,7 @@
-"""Rates of jumps between wells, and of the decay of the last memory of a well.
+"""Rates of jumps between wells, and the slowest rate at which the initial well is forgotten.
 
-Both are computed on each grid of an answer; the coarser grid's values are the start for a finer
-one.
+Both are computed on each grid of a solution; a finer grid starts from the values of the coarser
+grid.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class _SlowestDecay(_RateSolver):
         else:
             state = moved(coarser.state, coarser.solution.grid, grid, parity)
             self.decayed = coarser.decayed
-        # If jumps are rare, this sum is the mass that has changed wells.
+        # If jumps are rare, the sum of a state with these signs is the mass that has changed wells.
         self._signs = np.sign(state[:, :, 0])
         self._exact, self._single = exact, exact.single()
         self.state, time = self._later(state, exact), solution.steps * grid.step
@@ -218,7 +218,7 @@ def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str
     """Slowest decay rate (1/s), of the memory of the well or of the charge, by grid.
 
     For two wells that exchange mass at the rates k12 and k21, slower than all other decays, it is
-    k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
+    k12 + k21. On a mirrored grid its state is odd. Empty for grids that take too many steps.
     """
     decays = _on_each(solutions, _SlowestDecay)
     return {solution: {"slowest_decay_rate": float(one.rate)} for solution, one in decays.items()}
@@ -227,7 +227,7 @@ def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str
 def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
     """Rates of jumps from one well's core to another's (1/s), as Monte Carlo counts them, by grid.
 
-    Empty where it takes too many steps.
+    Empty for grids that take too many steps.
     """
     jumps_on = _on_each(solutions, _Jumps)
     return {solution: _named(solution.task.device, one) for solution, one in jumps_on.items()}

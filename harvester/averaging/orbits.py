@@ -29,7 +29,7 @@ SMALLEST = 1e-150
 SCAN_STEP, SCAN_NODES = 0.25, 24
 # First and last level of this scan in a well.
 WELL_LEVELS = -15.0, 11.5
-# A well's orbits begin where ln g falls by this much from the bottom.
+# A well's orbits begin where ln g, with the density g, has fallen by this from the bottom.
 NEGLIGIBLE = 1e-8
 # Orbits of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
@@ -68,7 +68,7 @@ class Edge:
     anchor: float = 0.0
 
     def energy(self, x: Values, added: Values) -> Values:
-        """U(x)."""
+        """The potential U(x)."""
         return potential(self.system, x) + 0.5 * added * (x - self.anchor) ** 2
 
     def rise(self, start: Values, end: Values, added: Values) -> Values:
@@ -81,7 +81,7 @@ class Edge:
         return (end - start) * (spring + piezo) + after - before
 
     def slope(self, x: Values, added: Values) -> Values:
-        """dU/dx."""
+        """Slope of the potential, dU/dx."""
         return elastic_force(self.system, x) + added * (x - self.anchor)
 
     def bottom(self, added: np.ndarray) -> np.ndarray:
@@ -177,7 +177,7 @@ class OrbitFamily:
         self.gain = 1.0 / (1.0 + (edge.system.transducer.decay_rate() / self.frequency) ** 2)
 
     def loop(self, values: Values) -> np.ndarray:
-        """∫ values X' dX = ∫ values X'² dt, values at the nodes; of 1 the area J (Eq. 23)."""
+        """∫ values X' dX = ∫ values X'² dt of each orbit; values of 1 give the area J (Eq. 23)."""
         return np.sum(self._weight * self.speed * values, axis=1)
 
     @property
@@ -188,7 +188,7 @@ class OrbitFamily:
 
     @property
     def contact_work(self) -> np.ndarray:
-        """∫(contact damping) X'² dt (Eq. 24); where v0 is held, it is the orbit's speed there."""
+        """∫(contact damping) X'² dt (Eq. 24); a held impact speed is the speed at the gap."""
         system, damping = self.edge.system, 0.0
         for stop in system.contacts:
             kinetic = self._excess - self.edge.rise(self.left, stop.gap, self.added)
@@ -206,11 +206,11 @@ class OrbitFamily:
 
     @property
     def spectrum(self) -> np.ndarray:
-        """S(ω)/S(0) = 1/(1 + ω² τ1²) of Eq. 6."""
+        """Relative spectrum of the noise, S(ω)/S(0) = 1/(1 + ω² τ1²) of Eq. 6."""
         return 1.0 / (1.0 + (self.frequency * self.edge.system.noise.correlation_time) ** 2)
 
     def exponent(self) -> np.ndarray:
-        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22), with dH = dJ/T.
+        """∫ B/(πSJ) dH from the first level: loss B, spectrum S, area J (Eqs. 21, 22), dH = dJ/T.
 
         dJ/T is the energy from one orbit to the next; the constant of Eq. 15 and the saddle of
         each N2 do not enter, so that a thin layer of changing N2 adds no range of energy.

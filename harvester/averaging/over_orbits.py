@@ -32,8 +32,8 @@ def over_orbits(closure: str, device: System, tolerance: float, memory: bool) ->
         if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
             raise AveragingError(
                 f"{name.replace('_', ' ')} changes from one grid to a finer one by "
-                f"{error[name] / abs(mean):.2g} of itself, more than {tolerance:g}: "
-                "use softer stoppers, or simulate"
+                f"{error[name] / abs(mean):.2g} of its value, more than the tolerance of "
+                f"{tolerance:g}: use softer stoppers, or simulate"
             )
     return Averages(**fine, numerical_error=error, density=density)
 

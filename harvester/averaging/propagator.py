@@ -2,9 +2,9 @@
 
 A step is the flow of the device at constant Z and η, followed by the changes of Z and η:
 
-- flow: the mass of each node goes where the node goes, and is shared there (`flow`);
-- Z' = λ(X − Z): the same along Z, among all its nodes, which are those of Gauss and Legendre.
-  Every moment of Z that the nodes represent moves exactly;
+- flow: the mass of each node moves along the node's path, and is shared at its end (`flow`);
+- Z' = λ(X − Z): likewise along Z, among all Gauss–Legendre nodes of Z. Every moment of Z that the
+  nodes represent moves exactly;
 - η' = −η/τ1 + noise with X'' = η: exactly, for each wave number of X' by Hermite functions of η.
 
 Half steps of the second and third kind, which commute, come first and last (Strang), so that the
@@ -25,7 +25,7 @@ from harvester.averaging.flow import PhaseGrid, lagrange, shared, shared_ends
 from harvester.base.compilation import summing
 from harvester.device.system import elastic_force, state_rate
 
-# A correlation time τ1 shorter than this many steps gives the same numbers as this many.
+# A correlation time τ1 of fewer steps than this gives the same numbers as this number of steps.
 LEAST_MEMORY = 1e-6
 # The correction of the impulses' spectrum is constant above this ω dt.
 FASTEST_PHASE = 1.5
@@ -98,7 +98,7 @@ def _single(array):
 
 
 def mirrored(state: np.ndarray) -> np.ndarray:
-    """The state at −(X, X', Z, η), its layers of Z ascending."""
+    """Mirror image of a state: its values at −(X, X', Z, η), with layers of Z ascending."""
     signs = (-1.0) ** np.arange(state.shape[2])
     return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 

@@ -148,7 +148,9 @@ class Region(NamedTuple):
         if speed is None:
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
-            raise AveragingError("nothing damps the motion: there is no stationary density")
+            raise AveragingError(
+                "nothing damps the motion, so there is no stationary density: add damping"
+            )
         cores, mean = (speed / frequency, speed, speed / frequency), 0.5 * (wells[0] + wells[-1])
         return cls.of_speed(device, GIBBS_REACH * speed, cores, mean, well)
 
@@ -243,8 +245,8 @@ class Region(NamedTuple):
         if displaced > allowed:
             raise AveragingError(
                 f"the transducer's charge displaces the mass by {displaced:.2g} half widths of its "
-                f"density, and fokker_planck takes {GREATEST_DISPLACEMENT:g}: take more noise "
-                "(excitation.intensity) or less coupling, or simulate"
+                f"density, and the limit of fokker_planck is {GREATEST_DISPLACEMENT:g}: raise the "
+                "noise (excitation.intensity), reduce the coupling, or simulate"
             )
 
     def _charges(self, device, nodes, mirrored, step):

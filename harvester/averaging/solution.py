@@ -14,13 +14,13 @@ from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.device.system import System
 
-# Most amplitudes moved, times steps, on all grids together: five to ten seconds.
+# Largest work on all grids together, amplitudes times steps: five to ten seconds.
 MOST_WORK = 4e8
 # Smallest number of periods that the work limit must allow on a grid.
 LEAST_PERIODS = 6
 # Largest memory of the matrices of the noise on a grid, in bytes.
 LARGEST_PUSHES = 2e8
-# Upper limit of λ dt times the number of steps in a period.
+# A load whose charge decays by an exponent above this in a period needs more steps in proportion.
 LARGEST_LOAD_DECAY = 2.8
 # Relative growth of the number of steps per share of the stiffness that comes from the coupling.
 STEPS_OF_STRONG_COUPLING = 3.0
@@ -32,8 +32,8 @@ STEPS_OF_STIFFENING = 1.25
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Largest residual of a period, in tolerances, relative to the slowest mode's change in a period.
 RESIDUAL_OVER_TOLERANCE = 2e-2
-# If jumps between unequal wells per period are rarer than the first value, each well with at least
-# the second share of the time gets a separate direction.
+# If jumps between unequal wells per period are rarer than RARE_JUMPS, each well with at least the
+# share LEAST_SHARE_OF_WELL of the time gets a separate search direction.
 RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
 # Smallest residual that rounding allows.
 LEAST_RESIDUAL = 1e-8
@@ -63,7 +63,7 @@ class StationaryProblem:
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
-                f"{self.tolerance:g} needs more nodes and steps than fokker_planck has: raise the "
+                f"{self.tolerance:g} needs more nodes and steps than are allowed: raise the "
                 "tolerance, or simulate"
             )
         self.left -= work
@@ -136,7 +136,7 @@ class Solution:
         # The first period on a new grid removes the error of interpolation between grids.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
-        # Jumps are much slower than other motion: many other directions would not represent them.
+        # Jumps are much slower than other motion: many other search directions would miss them.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
         teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
@@ -158,7 +158,7 @@ class Solution:
         return change - change[:, :, 0].sum() * self.state
 
     def _cleared(self, change):
-        """A change of the state with the change of each rarely left well's total mass removed."""
+        """A change of the state, without its change of the total mass in each rarely left well."""
         for well, alone in zip(self._wells, self._of_wells(self.state), strict=True):
             change = change - (well @ change[:, :, 0].sum(axis=(1, 2))) * alone
         return change

@@ -1,4 +1,4 @@
-"""Stationary means of a linear device from the spectrum of its excitation alone: ∫ |H|² G df."""
+"""Stationary means of a linear device from the density G of its excitation: ∫ |H(f)|² G df."""
 
 import math
 from dataclasses import dataclass
@@ -41,10 +41,11 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Notes
     -----
-    With the state z = (X, X', e), z' = A z + b η + d η', its covariance is ∫ Re[h h*] G df, h = d +
-    (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2. Only if the base
-    acceleration moves charge directly, d = (0, 0, κ) is not zero. Intervals of the quadrature end
-    at corners of G and at each resonance, and double in length away from it.
+    The state z = (X, X', e) obeys z' = A z + b η + d η'. For the density G of the excitation η its
+    covariance is ∫ Re[h h*] G df, with h = d + (iω − A)⁻¹ (b + A d). Each sine of amplitude a adds
+    Re[h h*] a²/2. Only if the base acceleration moves charge directly, d = (0, 0, κ) is not zero.
+    Intervals of the quadrature end at corners of G and at each resonance, and double in length away
+    from it.
     """
     system = ready.system
     refusal = spectral_refusal(system, ready.scene.excitation)
@@ -53,7 +54,10 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     matrix = _matrix(system)
     decay = -np.linalg.eigvals(matrix).real.max()
     if not decay > 0.0:
-        raise AveragingError(f"{ready.scene.name}: spectral: the motion is undamped or unconfined")
+        raise AveragingError(
+            f"{ready.scene.name}: spectral: the motion is undamped or unconfined: add damping and "
+            "stiffness"
+        )
     excitation, unit = ready.scene.excitation, ready.excitation_unit
     share = system.transducer.base_rate(1.0)
     fine, coarse = (_covariance(matrix, share, excitation, unit, n) for n in (NODES, COARSE_NODES))
@@ -64,8 +68,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     for name, mean in means.items():
         if not error[name] <= tolerance * abs(mean):
             raise AveragingError(
-                f"{name.replace('_', ' ')} changes from fewer nodes to more by "
-                f"{error[name] / abs(mean):.2g} of itself, more than {tolerance:g}: simulate"
+                f"{name.replace('_', ' ')} changes by {error[name] / abs(mean):.2g} of its value "
+                f"with more nodes, more than the tolerance of {tolerance:g}: simulate"
             )
     gaussian = not excitation.lines and getattr(excitation, "kurtosis", 3.0) == 3.0
     density = GaussianDensity(system, fine, gaussian)
@@ -116,7 +120,7 @@ def _matrix(system):
 def _covariance(matrix, share, excitation, unit, nodes):
     """The scaled covariance of (X, X', e), shape (3, 3); 0 for states that do not exist.
 
-    `share` is κ of d.
+    `share`: the number κ in the vector d of `spectral`.
     """
     frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
     weights = weights * excitation.density(frequencies)

@@ -1,4 +1,4 @@
-"""Density of X − Z, and so of the voltage, from a state at a few nodes of Z.
+"""Density of the voltage V = X − Z, from a state at a few nodes of the charge Z.
 
 The nodes give moments of Z. If these and X' determine the density, as for a fast load, Z has a
 normal density at each X and X'. Otherwise, as for a slow load that keeps the charge of the previous
@@ -103,8 +103,8 @@ def _polynomials(x, degree):
 def _greatest_entropy(polynomials, moments):
     """Shares of mass at points, (rows, points), of densities with these moments of the polynomials.
 
-    Exponentials of sums of the polynomials, whose weights l are least in
-    ln Σ exp(l P) − l m + ½ Σ looseness l²: by Newton's method, each row with its own step.
+    The densities are exponentials of sums of the polynomials P. For the moments m, Newton's method
+    minimizes ln Σ exp(l P) − l m + ½ Σ looseness l² over the weights l, with one step per row.
     """
     looseness = LOOSENESS * LOOSER ** np.arange(moments.shape[1])
     weights = np.zeros_like(moments)

@@ -1,8 +1,8 @@
 """Rate of saddle crossings, shares of time in the wells, and the most occupied well.
 
 If jumps are rare, their rates are far below the errors of the grid, which cannot resolve them.
-Symmetric wells then hold half of the time each; among unequal wells the one with the rarest exits
-holds all.
+Symmetric wells then hold half of the time each; among unequal wells the well with the rarest exits
+holds all of it.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
 
 
 def alike(device: System) -> bool:
-    """Whether symmetry makes two wells alike."""
+    """Whether the device has two wells that are mirror images."""
     return len(timescales.wells(device)) == 2 and device.symmetric
 
 
@@ -93,7 +93,7 @@ def barrier(device: System, well: float) -> float:
 
 
 def _exponent(device, well):
-    """∫ dH/T(H) up to the saddle, T the power of the noise over the rate of loss on the orbit H.
+    """∫ dH/T(H) up to the saddle; T: noise power over loss rate on the orbit of energy H.
 
     The rate of jumps of weakly damped motion falls as exp(−∫ dH/T) (Eqs. 20–25).
     """

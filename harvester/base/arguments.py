@@ -112,7 +112,7 @@ class Named(dict):
     """Values by name; an unknown name raises UnknownQuantity with a list of all names.
 
     `where`: beginning of the message, such as "paper: no density of". `address`: the expression
-    that has these values, where rows of numbers name them.
+    that is indexed to get a value, if the names are rows of numbers.
     """
 
     def __init__(self, where: str, values: Mapping[Any, Any], address: str = "") -> None:

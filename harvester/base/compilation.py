@@ -3,17 +3,17 @@
 ============  =====================================  ==========================================
 decorator     for                                    why
 ============  =====================================  ==========================================
-compiled      called by Python or several callers    kept on disk
-uncounted     a loop that makes and keeps no array   counting references costs more than its work
-merged        a part of one loop, given a device     LLVM writes it into its caller, without the
-                                                     branches that a known argument rules out
-merged_once   the same without a device              compiled once for all devices
-inlined       a small function of a callback         else a device's numbers go over at each call
-summing       sums over many points                  adds in any order, several at a time
+compiled      called by Python or several callers    cached on disk
+uncounted     a loop that creates no array           reference counting costs more than the work
+merged        a part of one loop, takes a device     LLVM inlines it, without the branches that a
+                                                     constant argument excludes
+merged_once   a part of one loop, takes no device    compiled once for all devices
+inlined       a small function of a callback         a call would copy all numbers of a device
+summing       sums over many points                  additions are reordered, and so vectorized
 register_     an equation that Python calls too      compiled only within its callers
 jitable
 overload      code chosen by an argument's type      compiled only within its callers
-intrinsic     LLVM's own instructions                calls by address, numbers side by side
+intrinsic     LLVM's own instructions                calls by address, vectors of numbers
 ============  =====================================  ==========================================
 
 Importing numba takes a third of this program's start-up time, so it is imported when compiled code
@@ -75,7 +75,7 @@ class Deferred:
         return self._dispatcher(*arguments)
 
     def __getattr__(self, name: str) -> Any:
-        # This includes `_numba_type_`: numba compiles calls of this object as calls of the
+        # Also for `_numba_type_`, by which numba compiles calls of this object as calls of the
         # dispatcher.
         return getattr(self._dispatcher, name)
 

@@ -79,7 +79,7 @@ def with_error(estimate: Estimated, unit: str = "") -> Printed:
 
 
 def largest(estimate: Estimated) -> float:
-    """The larger of a value and its error, which determines the format of both."""
+    """The larger of a value and its error; it determines the printed format of value and error."""
     sizes = (abs(estimate.estimate), estimate.standard_error or 0.0)
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
@@ -181,7 +181,7 @@ def span(low: float, high: float, unit: str = "", digits: int = 4) -> Printed:
 
 
 def engineering(value: float, digits: int = 6) -> Printed:
-    """A number in SPICE's form, which needs no unit; one that is short in plain form as it is.
+    """A number in SPICE's notation, without unit; a plain number if that is short enough.
 
     >>> engineering(1e-5), engineering(16e3), engineering(2.2e6), engineering(0.05)
     ('10u', '16k', '2.2meg', '0.05')

@@ -10,7 +10,7 @@ def install_command(extra: str) -> str:
     """Return the command that installs an extra of the distribution that holds this package.
 
     Another project's distribution may be called `harvester`, so the name is read from the metadata
-    of the distribution with our command. Without metadata it is a clone: ".".
+    of the distribution that installs our command. A clone without metadata has the name ".".
     """
     from importlib.metadata import entry_points
 

@@ -15,7 +15,7 @@ from harvester.base.plain_text import shown
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """A way to an answer: an engine that simulates, or a closure.
+    """A method of computing results: an engine (simulation) or a closure (stochastic averaging).
 
     Every field is a setting with a default. A name, such as "circuit", is short for the object with
     its defaults.

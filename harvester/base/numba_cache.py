@@ -31,8 +31,8 @@ IMPORT = re.compile(
 def keep_environment_usable() -> None:
     """Remove environment variables with values that make numba fail.
 
-    These are a number of threads below 1, since its threads are unused, and the search path of its
-    cache, since `is_safe` checks the default places.
+    These are a number of threads below 1, since numba's threads are unused, and the search path of
+    numba's cache, since `is_safe` checks the default folders.
     """
     os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)
     with contextlib.suppress(ValueError):
@@ -94,10 +94,10 @@ def _say_damage(path: str) -> None:
 
 
 _reported: list[str] = []
-# Called with the path of a damaged file. A worker process passes it on to its caller.
+# Called with the path of a damaged file. A worker process passes the path on to its caller.
 on_damage: Callable[[str], None] = _say_damage
-# Called with 1 as a compilation begins and with -1 as it ends; nothing happens here. A worker
-# process passes it on to its caller.
+# Called with 1 as a compilation begins and with -1 as it ends; the default does nothing. A worker
+# process passes the number on to its caller.
 on_compilation: Callable[[int], object] = abs
 
 

@@ -50,7 +50,9 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     except ValueError:
         raise SceneError(f"{where}: the {noun} cannot be read: no file has such a name") from None
     except MemoryError:
-        raise SceneError(f"{where}: the {noun} does not fit into the free memory") from None
+        raise SceneError(
+            f"{where}: the {noun} does not fit into the free memory: free memory, or shorten it"
+        ) from None
 
 
 def _check(status, where, noun, largest):
@@ -61,6 +63,6 @@ def _check(status, where, noun, largest):
     if status.st_size > largest:
         raise SceneError(
             f"{where}: is too large for a {noun}: {status.st_size / 1e6:.4g} MB, and "
-            f"{largest / 1e6:.4g} MB is the most"
+            f"{largest / 1e6:.4g} MB is the most: shorten it"
         )
     return status.st_size

@@ -1,4 +1,4 @@
-"""Parts of one kind by name: built-in ones, and those of installed packages.
+"""Registry of parts of one kind by name: built-in parts, and parts of installed packages.
 
 A package registers a part by an entry point of the kind's group in its pyproject.toml:
 

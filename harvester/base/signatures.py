@@ -119,7 +119,7 @@ def by_key(pairs: list[tuple[str, Any]], option: str) -> dict[str, Any]:
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
-            raise HarvesterError(f"{option} {named(key)}: is given twice")
+            raise HarvesterError(f"{option} {named(key)}: is given twice; keep one")
     return dict(pairs)
 
 
@@ -298,7 +298,7 @@ class Option(NamedTuple):
 
 @functools.cache
 def options_of(function: Callable) -> dict[str, Option]:
-    """A function's parameters by name, including those of its `**options: Unpack[…]`."""
+    """A function's parameters by name, including the keys of its `**options: Unpack[…]`."""
     function = inspect.unwrap(function)
     options: dict[str, Option] = {}
     for name, parameter in inspect.signature(function).parameters.items():

@@ -32,10 +32,10 @@ def away_from_working_folder() -> Iterator[None]:
 
 
 def foreign_writers_of(path: str | Path) -> str:
-    """Why users other than this one and the program's owner can change the file at a path.
+    """Return why other users can change the file at a path, except the program's owner.
 
-    The path is of a file or folder; this user will create missing folders. Returns the path and the
-    reason; empty if nobody can.
+    The path is of a file or folder; this user will create missing folders. Returns the path that
+    others can change and the reason; empty if nobody can.
     """
     path = Path(os.path.realpath(path))
     for entry in (path, *path.parents):

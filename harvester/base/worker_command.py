@@ -62,7 +62,7 @@ def environment() -> dict[str, str]:
             variables[name] = value
     library = os.environ.get("NGSPICE_LIBRARY_PATH")
     if library:
-        # The linker resolves a bare name: it is not a file of the working folder.
+        # A bare library name is left to the linker: it is not a path in the working folder.
         variables["NGSPICE_LIBRARY_PATH"] = (
             os.path.abspath(library) if os.path.dirname(library) else library
         )
@@ -72,5 +72,5 @@ def environment() -> dict[str, str]:
 def _working_folder():
     try:
         return os.getcwd()
-    except OSError:  # it was removed
+    except OSError:  # the folder was removed
         return ""

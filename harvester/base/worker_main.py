@@ -4,7 +4,7 @@
 call is a pickled (function, arguments). The module-level function gets an additional argument
 `report`, which sends progress. Answers are pickled pairs: ("progress", …), ("done", result),
 ("failed", error), ("damage", path of compiled code that could not be read), ("compilation", 1 or
--1) as one begins or ends, and ("gone", error) from a process that ends itself.
+-1) as a compilation begins or ends, and ("gone", error) from a process that ends itself.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def main() -> None:
     _give_up = send
     numba_cache.on_damage = lambda path: send("damage", path)
     numba_cache.on_compilation = lambda change: send("compilation", change)
-    # Nearly every call needs numba: import it before the first call, which reports a failure.
+    # Nearly every call needs numba, so it is imported now; the first call reports a failed import.
     with contextlib.suppress(Exception):
         _ = compilation.numba
     while True:

@@ -100,8 +100,8 @@ class WorkerPool:
             Called with (index, report).
         keep_going : bool
             Repeat a call once if its process crashed or timed out; if it fails again, return the
-            SimulationError as its result. Without it the first error ends all calls and is raised,
-            as are other errors and interrupts in any case; the pool can be reused.
+            SimulationError as its result. Otherwise the first error ends all calls and is raised.
+            Other errors and interrupts are always raised. The pool can be reused.
         """
         call = call_twice if keep_going else Worker.call
         futures = []

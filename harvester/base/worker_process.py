@@ -200,6 +200,6 @@ def _read_answers(stream, answers):
     while True:
         try:
             answers.put(pickle.load(stream))
-        except Exception:  # incomplete, or out of memory
+        except Exception:  # the answer is incomplete, or memory is exhausted
             answers.put(("ended", None))
             return

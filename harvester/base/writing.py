@@ -162,7 +162,7 @@ def _status(path):
     if kind in UNWRITABLE:
         raise OutputError(f"{path}: is {UNWRITABLE[kind]}; name a file")
     if not os.access(path, os.W_OK):
-        raise OutputError(f"{path}: cannot be written: it is write-protected")
+        raise OutputError(f"{path}: cannot be written: it is write-protected; name another file")
     return status
 
 
@@ -170,7 +170,7 @@ def _real_path(path, status):
     """Path of the file to be written; raises if it is a link into a missing folder."""
     real = Path(os.path.realpath(path))
     if status is None and os.path.islink(path) and not real.parent.is_dir():
-        raise OutputError(f"{path}: is a link into a missing folder, {real.parent}")
+        raise OutputError(f"{path}: is a link into a missing folder, {real.parent}: create it")
     return real
 
 

@@ -1,9 +1,9 @@
 """The coil: a voltage induced by the velocity, in series with the winding's resistance and
 inductance.
 
-M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v, with v at the load. Scaled, with e = L i/(Φ l):
-e' = X' − λ e. Without inductance the current is proportional to the velocity, without a state to
-integrate.
+M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v: displacement x, current i, load voltage v, coupling
+Φ. Scaled, with the state e = L i/(Φ l) and the rate λ: e' = X' − λ e. Without inductance the
+current is proportional to the velocity, and there is no state to integrate.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ TERMINAL = "coil"
 
 
 class Coil(LinearTransducer, TransducerRates):
-    """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Unit of voltage: Φ l (1/s)."""
+    """A coil with inductance: coupling β = Φ²/(M L), decay rate of the current
+    λ = (R_coil + R)/L. Unit of voltage: Φ l (1/s)."""
 
     __slots__ = ()
 
@@ -59,7 +60,7 @@ class ResistiveCoil(NoBaseForce, _Resistances):
     winding_damping
         Φ²/(M R_coil), the damping of a shorted coil (1/s).
     current_share
-        R_coil/(R_coil + R), the ratio of the current to that of the shorted coil.
+        R_coil/(R_coil + R), the ratio of the current to the shorted coil's current.
     """
 
     __slots__ = ()
@@ -191,5 +192,5 @@ class CoilTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """The matched load resistance (Ω): that of the winding."""
+        """The matched load resistance (Ω): the winding's resistance."""
         return self.resistance

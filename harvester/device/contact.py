@@ -1,4 +1,4 @@
-"""Contacts: positions of the stoppers, which of them are active, and sums over their forces.
+"""Contacts: positions of the stoppers, active stoppers, and sums over their forces.
 
 A contact on the side s = ±1 acts while its depth d = s x − gap is positive; a pair of stoppers at
 ±gap is one contact with side 0. A zone is an interval of x in which the same contacts are active.
@@ -78,7 +78,7 @@ def one_reaction(
 
 
 def _of_one_sort(contacts):
-    """Whether all contacts have one type: a single compiled loop then serves any number."""
+    """Whether all contacts have one type: one compiled loop then serves any number of contacts."""
     return isinstance(contacts, compilation.types.UniTuple) and len(contacts) > 2
 
 
@@ -93,7 +93,7 @@ def reaction(
 ) -> tuple[float, float]:
     """Elastic force and damping (1/s) of the contacts that act in the zone from `low` to `high`.
 
-    The stoppers active at a displacement x are those of the zone from x to x.
+    For the stoppers that are active at a displacement x, give the zone from x to x.
     """
     reactions = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
     return sum(push for push, _ in reactions), sum(rate for _, rate in reactions)
@@ -173,7 +173,7 @@ def _energy(contacts, x):
 
 @register_jitable
 def one_step(contact: Contact, x: float, square_speed: float, longest: float, steps: int) -> float:
-    """Step (s), at most `longest`, that resolves a contact with this speed² at its gap."""
+    """Step (s), at most `longest`, that resolves a contact with this squared speed at its gap."""
     depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
     square = square_speed + 2.0 * elastic_energy(contact.law, depth)
     return shortened(contact.law, square, steps, longest)
@@ -231,7 +231,8 @@ def edges(contacts: tuple[Contact, ...]) -> tuple[float, ...]:
 def pulled_back(contact: Contact, spring: Spring) -> bool:
     """Whether the spring pushes the mass away from this contact at every depth.
 
-    Then U(x) − U(gap) is never negative in contact, and v0 needs no bound.
+    Then the spring energy U(x) − U(gap) is never negative in contact, and the impact speed v0 needs
+    no bound.
     """
     sides = (1.0, -1.0) if contact.side == 0.0 else (contact.side,)
     for s in sides:
@@ -244,7 +245,7 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 def arrival_formula(
     contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
-    """2 [U(x) − U(s gap)]/rate² as an expression: the speed² at which a stopper is reached."""
+    """Expression of 2 [U(x) − U(s gap)]/rate², the squared speed at which a stopper is reached."""
     return spring.gain_formula(x, s * contact.gap, rate, number)
 
 

@@ -52,8 +52,8 @@ def cores_within(system: System) -> tuple[float, float]:
 def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]]:
     """Names of the rates of jumps, with the jumps (from, to) that each counts.
 
-    `wells`: at least two, numbered from the left, in the names from 1 on. `alike`: two symmetric
-    wells: one rate for both directions.
+    `wells`: number of wells, at least two; names count them from the left, from 1 on. `alike`:
+    whether two wells are symmetric, so that jumps in both directions have one rate.
     """
     pairs = [(a, b) for a in range(wells) for b in range(wells) if a != b]
     if alike:

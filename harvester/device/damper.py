@@ -14,7 +14,7 @@ class Damper(NamedTuple):
     Attributes
     ----------
     damping
-        c (1/s).
+        Damping coefficient c (1/s).
     """
 
     damping: float
@@ -34,7 +34,7 @@ class QuadraticDamper(NamedTuple):
     Attributes
     ----------
     damping
-        c (1/s).
+        Damping coefficient c (1/s).
     quadratic_damping : C2 l/M, per scaled displacement.
     """
 

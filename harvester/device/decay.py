@@ -1,4 +1,4 @@
-"""Exact linear decay with a drive, for decay within a step."""
+"""Exact solution of a driven linear decay, for decay times shorter than a step."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LAST_TERM = 14
 def decayed(
     value: float, rate: float, time: float, start: float, middle: float, end: float
 ) -> float:
-    """y after a time, y' = −rate y + drive, the drive a parabola through three values.
+    """Solution y of y' = −rate y + drive after a time; the drive is a parabola through 3 values.
 
-    Exact for any rate; at a large rate it tends to end/rate, the equilibrium with the drive.
+    Exact for any rate; at a large rate y tends to end/rate, the equilibrium with the drive.
 
     `value`: y at the beginning. `rate`, `time`: 1/s ≥ 0, and s. `start`, `middle`, `end`: the drive
     at the beginning, half-way and at the end.
@@ -32,7 +32,7 @@ def decayed(
 
 @compiled
 def _shares(z):
-    """I_k = ∫₀¹ exp(−z (1 − u)) uᵏ du for k = 0, 1, 2; z I_k = 1 − k I_{k−1}."""
+    """Integrals I_k = ∫₀¹ exp(−z (1 − u)) uᵏ du for k = 0, 1, 2, by z I_k = 1 − k I_{k−1}."""
     if z >= SMALL_EXPONENT:
         constant = -np.expm1(-z) / z
         linear = (1.0 - constant) / z

@@ -1,12 +1,12 @@
 """A spring from a table of force over displacement: a piecewise cubic; its energy is the integral.
 
-Between two points F is a cubic; beyond the first and last point it continues as a straight line. F
-and F' are continuous. The pieces are written from the one about x = 0 outwards,
+Between two points the force F(x) is a cubic; beyond the first and last point F continues as a
+straight line. F and F' are continuous. The sum starts with the piece about x = 0 and goes outwards,
 
     F(x) = k0 + k1 x + k2 x² + k3 x³ + Σ (square + cube·d) d²,   d = max(side·x − offset, 0),
 
 one term per junction of two pieces. The sum needs no search or branch, so that compiled code
-processes several realizations at a time. A steep piece far out adds nothing nearer to x = 0.
+processes several realizations at a time. A steep outer piece adds nothing nearer to x = 0.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_PIECES = 32
 TERMS = MOST_PIECES + 1
 # Points of a smoothed table per piece.
 POINTS_PER_PIECE = 3
-# A table is symmetric if its force differs from the mirrored one by less than this share of the
+# A table is symmetric if its force differs from the mirrored force by less than this share of the
 # greatest force.
 SYMMETRY = 1e-9
 CHECKED_POINTS = 201
@@ -79,7 +79,7 @@ class ForceTable(NamedTuple):
 
     @property
     def line(self) -> tuple[float, float]:
-        """Constant and linear part of the force: both 0, `nonlinear_formula` is the whole force."""
+        """Constant and linear part of the force: both 0, since `nonlinear_formula` has it all."""
         return 0.0, 0.0
 
     @property
@@ -175,7 +175,7 @@ class ForceTable(NamedTuple):
         if not solutions and some is not None:
             return self._levels(value, polynomial)
         places = np.sort(solutions)
-        # A rest position off zero by rounding would be mistaken for a length of the device.
+        # A rest position that differs from 0 by rounding would be mistaken for a device length.
         places[np.abs(places) < 10.0 * least] = 0.0
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
@@ -224,7 +224,7 @@ class ForceTable(NamedTuple):
         return half(0, len(pieces) - 1)
 
 
-# Preparing a scene calls both six times.
+# Cached, since preparing a scene calls these functions six times.
 @functools.lru_cache(maxsize=64)
 def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
     """See `ForceTable.pieces`."""
@@ -235,8 +235,8 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
         [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
     ):
         linear, square, cube = (float(term) for term in table.taylor(inside))
-        # The same cubic, expanded about the origin. Without numpy's Polynomial, which took 80 ms
-        # per device: a yield study makes hundreds.
+        # The same cubic, expanded about the origin. numpy's Polynomial would take 80 ms per device,
+        # and a yield study has hundreds of devices.
         away = float(origin) - float(inside)
         bent = square + cube * away
         first, second = linear + bent * away, bent + cube * away
@@ -259,8 +259,8 @@ def _roots(table: ForceTable) -> np.ndarray:
 def _ladder(table: ForceTable) -> tuple[np.ndarray, np.ndarray]:
     """Ends of pieces and rest positions, ascending, and the energy there, monotone in between.
 
-    With it turning points need the roots of 4 pieces instead of 34, which took 0.3 s for the 60
-    steps of a device's frequency under noise.
+    With this table, turning points need the roots of 4 pieces instead of 34; these took 0.3 s in
+    the 60 iterations for a device's frequency under noise.
     """
     places = np.unique(np.concatenate([table.breaks(), table.roots()]))
     return places, np.array([float(table.energy(x)) for x in places])
@@ -337,7 +337,7 @@ def _steepest(breaks, rising):
 
 
 def _bent(sides, offsets, firsts, seconds, x, power):
-    """The sum for calls from Python, without the terms that are zero."""
+    """The sum of a `ForceTable`'s terms, for calls from Python: terms that are zero are skipped."""
     x = float(x) if np.ndim(x) == 0 else np.asarray(x, dtype=float)
     total = 0.0 * x
     for s, offset, first, second in zip(sides, offsets, firsts, seconds, strict=True):

@@ -1,9 +1,9 @@
 """The Hertz-damp contact law of Eq. 5: K d^n (1 + b d'), b = ¾ (1 − e²)/v0, d the depth.
 
-v0 is the speed at which the contact began. It is read from the state during the contact,
-v0² = d'² + 2 [max(U(x) − U(gap), 0) + E], with U the spring's energy and E = K d^(n+1)/(n+1) the
-contact's: |d'|/v0 ≤ 1 always, even if the stopper is inside the well. With `event`, v0 is instead
-held constant from the moment of contact.
+v0 is the speed at which the contact began. It is computed from the state during the contact,
+v0² = d'² + 2 [max(U(x) − U(gap), 0) + E], with the spring's energy U and the contact's energy
+E = K d^(n+1)/(n+1): |d'|/v0 ≤ 1 always, even if the stopper is inside the well. With `event`, v0 is
+instead held constant from the moment of contact.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class HertzDamp(NamedTuple):
     ----------
     stiffness : K l^(n−1)/M.
     exponent
-        n.
+        Exponent n of the depth in the elastic force.
     damping_factor
         ¾ (1 − e²), dimensionless.
     holds
@@ -69,7 +69,7 @@ class HertzDamp(NamedTuple):
         return (order * energy / self.stiffness) ** (1.0 / order)
 
     def impact_speed(self, depth: Values, v: Values, spring_energy: Values) -> Values:
-        """v0 read from the state; `spring_energy` is U(x) − U(gap)."""
+        """Impact speed v0, computed from the state; `spring_energy` is U(x) − U(gap)."""
         energy = elastic_energy(self, depth) + np.maximum(spring_energy, 0.0)
         return np.sqrt(v * v + 2.0 * energy)
 
@@ -128,9 +128,10 @@ class HertzDamp(NamedTuple):
         return self.duration_factor * greatest / speed
 
     def shortened(self, square_speed: float, steps: int, longest: float) -> float:
-        """Step (s), at most `longest`, that divides a contact at this speed² into `steps`."""
+        """Step (s), at most `longest`: a contact with this squared impact speed takes `steps`."""
         if self.exponent == HERTZ_EXPONENT:
-            # The same comparison without a power, for the common case of a soft contact.
+            # The comparison with `longest` for the common case of a soft contact, without a power
+            # function.
             bound = HERTZ_DURATION / (steps * longest)
             bound = bound * bound * bound * bound * bound
             soft = 1.25 / self.stiffness
@@ -159,7 +160,7 @@ def hertz_damp(
     law: type[HertzDamp] = Hertz
     if exponent != HERTZ_EXPONENT:
         law = HertzDamp
-        # 2 ∫ du/√(1 − u^(n+1)) from 0 to 1.
+        # Duration factor: 2 ∫ du/√(1 − u^(n+1)) from 0 to 1.
         share = 1.0 / (exponent + 1.0)
         factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
     return law(

@@ -51,7 +51,7 @@ class Key:
         For a list: meaning of a value, and the smallest and largest number of values.
     likely
         Plausible sizes of a real part, and factor and name of the unit that is often confused with
-        the key's.
+        the unit of the key.
     usual, asked
         Range of common devices (SI). `harvester new` asks for keys with `usual` or `asked`.
     default
@@ -350,7 +350,7 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
         if name not in usable:
             raise SceneError(
                 f'{origin}: {prefix}{name} belongs to scenes with units = "{spec.units[0]}", '
-                f'and this one has "{units}"'
+                f'and this one has "{units}": remove the key'
             )
         checked[name] = check_value(f"{prefix}{name}", value, spec, origin, units)
         if spec.element and spec.element.kind is dict:

@@ -13,7 +13,7 @@ from harvester.device.dispatch import Values
 
 
 class NoBaseForce:
-    """Base of transducers on which the base's acceleration does not act directly."""
+    """Base class of transducers on which the base's acceleration does not act directly."""
 
     __slots__ = ()
 
@@ -25,7 +25,7 @@ class NoBaseForce:
         return -0.0
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
-        """The velocity that times η is the input power; `current` flows into the load."""
+        """Velocity whose product with η is the input power; `current` flows into the load."""
         return v
 
     def kept_state(self, state: Values, noise: Values) -> Values:
@@ -52,11 +52,12 @@ class LinearTransducer(NoBaseForce):
         return self.own_rate == 0.0
 
     def decay_rate(self) -> float:
-        """λ of e' = X' − λ e (1/s)."""
+        """Decay rate λ of the state e, from e' = X' − λ e (1/s)."""
         return self.load_rate + self.own_rate
 
     def damping(self) -> float:
-        """d, force proportional to the velocity, over velocity (1/s)."""
+        """Damping d: the part of the force that is proportional to the velocity, over velocity
+        (1/s)."""
         return 0.0
 
     def force(self, v: Values, state: Values) -> Values:
@@ -64,7 +65,7 @@ class LinearTransducer(NoBaseForce):
         return self.coupling * state
 
     def state_rate(self, v: Values, state: Values) -> Values:
-        """e' = X' − λ e."""
+        """Rate of change of the state, e' = X' − λ e."""
         return v - (self.load_rate + self.own_rate) * state
 
     def current(self, v: Values, state: Values) -> Values:

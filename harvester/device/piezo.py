@@ -1,6 +1,6 @@
 """The piezo: a clamped capacitance charged by the velocity, optionally with leakage (Eq. 4).
 
-M x'' + … + θ V = …, Cp V' = θ x' − Q a' − V/R_leak − i, with i into the load. Scaled:
+M x'' + … + θ V = …, Cp V' = θ x' − Q a' − V/R_leak − i, with the load's current i. Scaled:
 V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a directly through the residual
 modes of a beam, which follow it quasi-statically (`base_charge`); η = −μ a/l, so that κ = Q/(μ θ).
 """
@@ -42,7 +42,8 @@ class PiezoLaw(LinearTransducer):
 
 
 class Piezo(PiezoLaw, TransducerRates):
-    """The state is V; β = θ²/(M Cp), λ = 1/(R Cp) + 1/(R_leak Cp)."""
+    """A piezo whose state is the voltage V; coupling β = θ²/(M Cp), decay rate
+    λ = 1/(R Cp) + 1/(R_leak Cp)."""
 
     __slots__ = ()
 
@@ -57,8 +58,8 @@ class _ShakenRates(NamedTuple):
 class BaseForcedPiezo(PiezoLaw, _ShakenRates):
     """A piezo in which the base's acceleration moves charge directly.
 
-    The state is V. Cp stores W = V − κ η, W' = X' − λ V; ½βW² is the energy of the capacitance and
-    the residual modes.
+    The state is the voltage V. The capacitance stores W = V − κ η with the excitation η, and
+    W' = X' − λ V; ½βW² is the energy of the capacitance and the residual modes.
 
     Attributes
     ----------
@@ -173,7 +174,7 @@ class PiezoTable(TransducerTable):
         return 1.0 / (resistance * capacitance)
 
     def network(self, setting: Setting, equations: Piezo | BaseForcedPiezo, rate: float) -> Network:
-        """Capacitance, the current that the velocity drives into it, the force back, the leak.
+        """Network of the capacitance, the velocity's current into it, the reaction force, the leak.
 
         The base's acceleration adds a voltage in series with the capacitance.
         """

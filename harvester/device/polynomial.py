@@ -196,7 +196,7 @@ def _trimmed(coefficients):
     return tuple(trimmed)
 
 
-# The search for the device's fastest motion needs the turning points of 60 energies.
+# Cached: the search for the device's fastest motion needs the turning points of 60 energies.
 @functools.lru_cache(maxsize=64)
 def _deepest(spring: Polynomial) -> float:
     """Energy of the deepest well."""

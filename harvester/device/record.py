@@ -16,19 +16,19 @@ class Record(NamedTuple):
     ----------
     time
         s, increasing; the spacing may vary.
-    displacement, velocity, voltage : X, X', V of Eq. 4.
+    displacement, velocity, voltage : X, X' and V of Eq. 4, scaled.
     load_power
         Power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power
-        η X', the power from the base (Eq. 33), with −βκ η W' on a piezo's charge (see
-        `harvester.device.piezo.BaseForcedPiezo`).
+        Power from the base: excitation times velocity, η X' (Eq. 33), plus −βκ η W' if the base
+        moves charge in a piezo (see `harvester.device.piezo.BaseForcedPiezo`).
     loss_power
         Power lost in damper, contacts and the transducer's internal resistance, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss
         The part of `loss_power` in leakage or winding.
     transducer_state
-        State that determines the transducer's energy, V or W of a piezo.
+        State that determines the transducer's energy: in a piezo V or W.
     """
 
     time: np.ndarray

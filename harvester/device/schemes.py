@@ -9,7 +9,8 @@ from harvester.device import system
 from harvester.device.decay import decayed
 from harvester.device.system import System
 
-# If load or damper let V or X' decay by more than exp(−1) in a step, the decay is computed exactly.
+# If voltage or velocity decay by more than exp(−1) in a step, by load or damper, the decay is
+# computed exactly.
 # Explicit schemes are stable up to exponents of 2 (Heun) and 2.78 (Runge–Kutta).
 LARGEST_DECAY = 1.0
 
@@ -36,7 +37,7 @@ NAMED = {"runge-kutta": Scheme.RUNGE_KUTTA, "heun": Scheme.HEUN}
 
 
 def scheme_of(s: System, name: str, step: float) -> Scheme:
-    """The scheme of this name, or the one with exact decay if it is faster than a step (s)."""
+    """The scheme of this name, or exact decay if a decay is faster than a step (s)."""
     damping = s.damper.damping + s.transducer.damping()
     if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
         return Scheme.EXACT_DECAY
@@ -76,7 +77,7 @@ def one_step(
     touching : bool
         Whether the mass is in contact throughout the step.
     low, high, held : float
-        Ends of its zone; impact speed that the contact's law holds.
+        Ends of the mass's zone; impact speed that the contact's law holds constant.
     x, v, voltage : float
         X, X' and the transducer's state at the step's beginning.
     noise, slope : float

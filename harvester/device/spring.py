@@ -1,7 +1,7 @@
 """Springs: a restoring force F(x) and its energy U = ∫F, scaled: per mass and length unit.
 
 A spring is a named tuple of numbers: `harvester.device.polynomial.Polynomial`,
-`harvester.device.force_table.ForceTable`, or one of these within a range, `Ranged`. All have the
+`harvester.device.force_table.ForceTable`, or a `Ranged` spring within a range. All have the
 same methods and properties. Compiled code calls `force`, `energy` and `greatest_stiffness` through
 the functions of this module; formulas are expressions of circuits and Verilog-A, whose argument
 `number` turns (name, value, meaning, range of Verilog-A) into the text of a number.
@@ -36,7 +36,7 @@ class Ranged(NamedTuple):
     Attributes
     ----------
     spring
-        The spring within it.
+        The spring within the range.
     low, high
         Ends of the range.
     stiffness
@@ -64,7 +64,7 @@ class Ranged(NamedTuple):
 
     @property
     def line(self) -> tuple[float, float]:
-        """Constant and linear part of the force: both 0, `nonlinear_formula` is the whole force."""
+        """Constant and linear part of the force: both 0, since `nonlinear_formula` has it all."""
         return 0.0, 0.0
 
     @property

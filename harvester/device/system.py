@@ -46,9 +46,9 @@ class Noise(NamedTuple):
 
     Attributes
     ----------
-    intensity : D (scaled length² s⁻³).
+    intensity : noise intensity D (scaled length² s⁻³).
     correlation_time
-        τ1 (s).
+        Correlation time τ1 (s).
     """
 
     intensity: float
@@ -88,7 +88,7 @@ class System(NamedTuple):
 
 @register_jitable
 def push(s: System, x: float, v: float, state: float, noise: float) -> float:
-    """Acceleration without the contacts, η − damper − transducer − F(x)."""
+    """Acceleration without contacts: excitation minus damper, transducer and spring forces."""
     damping = part_force(s.damper, v)
     return noise - damping - part_force(s.transducer, v, state) - springs.force(s.spring, x)
 
@@ -97,7 +97,7 @@ def push(s: System, x: float, v: float, state: float, noise: float) -> float:
 def contact_force(
     s: System, x: float, v: float, held_speed: float, low: float, high: float
 ) -> float:
-    """f of Eq. 5: the force of the contacts that are active in the zone from `low` to `high`."""
+    """Force of the contacts that are active in the zone from `low` to `high`, f of Eq. 5."""
     return contacts.force(s.contacts, s.spring, x, v, held_speed, low, high)
 
 
@@ -126,7 +126,7 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
 def held_impact_speed(s: System, x: float, v: float) -> float:
     """Initial impact speed v0 of a run if v0 is held during contact (`event`).
 
-    If the run starts in contact: the speed at which the mass would have entered it.
+    If the run starts in contact: the speed at which the mass would have entered the contact.
     """
     return float(np.sqrt(v * v + 2.0 * contacts.energy(s.contacts, x)))
 
@@ -142,7 +142,7 @@ def earliest_contact(
 ) -> float:
     """Time before which a free mass cannot reach `low` or `high` (s).
 
-    The acceleration towards either is at most `acceleration` (with its sign) plus `margin`.
+    The acceleration towards either end is at most `acceleration` (with its sign) plus `margin`.
     """
     earliest = np.inf
     for outward, distance, towards in ((v, high - x, acceleration), (-v, x - low, -acceleration)):
@@ -181,9 +181,9 @@ def resolving_step(
     longest : float
         Step far from the contacts (s).
     steps : int
-        Per contact.
+        Number of steps per contact.
     landing : float
-        Share of such a step within which an unpredicted contact may begin.
+        Share of a contact's step within which an unpredicted contact may begin.
     """
     # A mass pressed onto the stopper hits it with the speed gained within the step.
     speed = abs(v) + (abs(acceleration) + margin) * longest

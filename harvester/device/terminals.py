@@ -53,7 +53,7 @@ class Component(NamedTuple):
     ----------
     kind
         Kind of the element, and meaning of `value`: "resistor" (Ω), "capacitor" (F), "inductor"
-        (H), "ammeter" (0 V); "moving voltage", "moving current": a source proportional to X' (V or
+        (H), "ammeter" (0 V); "moving voltage", "moving current": source proportional to X' (V or
         A per scaled unit; the current flows from `minus` to `plus`, and out of it); "base voltage":
         a source proportional to η (V per scaled unit); "force of voltage", "force of current":
         force on the mass against X', by the voltage between the nodes (scaled acceleration per

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 # The default step resolves motion up to this energy, in units of the mean-square velocity E[X'²].
-# The density of the energy falls as exp(−H/E[X'²]), so the energy exceeds this limit for less than
-# 1 % of the time.
+# The density of the energy H falls as exp(−H/E[X'²]), so the energy exceeds this limit for less
+# than 1 % of the time.
 RESOLVED_ENERGY = 5.0
 # Points of the search for equilibria, and nodes of the describing function, which is exact up to
 # the seventh power.
@@ -86,7 +86,8 @@ def rest(system: System) -> float:
 def _double_well(system):
     """The well at X ≥ 0 of a linear-cubic spring between equal stoppers; None for other devices.
 
-    It lies at √(ω0²/κ), or if the gap is smaller, where the mass is pressed against the stopper.
+    For the force −ω0² X + κ X³ the well lies at √(ω0²/κ), or if the gap is smaller, where the mass
+    is pressed against the stopper.
     """
     stiffnesses = system.spring.odd_cubic
     if stiffnesses is None or not system.symmetric:
@@ -167,7 +168,7 @@ def stiffness(system: System, x: float) -> float:
 def well_frequency(system: System, well: float) -> float:
     """The angular frequency (rad/s) of small oscillations about a well, with the transducer open.
 
-    If it is zero, the characteristic rate of the noise is returned.
+    If this frequency is zero, the characteristic rate of the noise is returned.
     """
     mechanical = stiffness(system, well)
     total = mechanical + system.transducer.stiffness(mechanical)
@@ -188,14 +189,15 @@ def loss_rate(system: System, frequency: float) -> float:
 def relaxation_time(system: System) -> float:
     """Relaxation time of the energy of small oscillations by damper and load (s).
 
-    1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
+    1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without damper and load.
     """
     rate = loss_rate(system, angular_frequency(system))
     return 1.0 / rate if rate > 0.0 else math.inf
 
 
 def driven_square_velocity(system: System, frequency: float) -> float:
-    """E[X'²] of motion at this frequency, D/(1 + ω²τ1²) over the rate of loss (Eqs. 12, 20)."""
+    """Mean-square velocity E[X'²] of motion at a frequency ω under noise, D/(1 + ω²τ1²) over the
+    rate of loss (Eqs. 12, 20)."""
     loss = loss_rate(system, frequency)
     colour = 1.0 + (frequency * system.noise.correlation_time) ** 2
     square = system.noise.intensity / (loss * colour) if loss > 0.0 else math.inf
@@ -208,7 +210,7 @@ def driven_square_velocity(system: System, frequency: float) -> float:
 
 
 def base_share(system: System, spacing: float) -> float:
-    """Mean square of the charge's rate of change by the base, over that by the motion.
+    """Ratio of mean squares of two currents in a piezo: driven by the base, driven by the motion.
 
     The slope of noise that is linear between samples has the mean square 2 D/(τ1² spacing).
 
@@ -236,8 +238,8 @@ def contact_time(system: System) -> float:
 def fastest_angular_frequency(system: System) -> float:
     """The angular frequency (rad/s) of the fastest motion: small or large oscillations.
 
-    Large oscillations have the energy `RESOLVED_ENERGY` E[X'²] at their own frequency ω; their
-    stiffness follows from harmonic balance. Contacts are resolved by the contact's step.
+    Large oscillations of frequency ω have the energy `RESOLVED_ENERGY` E[X'²] at ω; their stiffness
+    follows from harmonic balance. Contacts are resolved by a separate, shorter step.
     """
     frequency = slowest = angular_frequency(system)
     # The noise decreases with frequency: the iteration averages successive values to converge.
@@ -248,7 +250,7 @@ def fastest_angular_frequency(system: System) -> float:
 
 
 def _driven_stiffness(system, frequency):
-    """Square of the frequency at the amplitude that noise at this frequency drives."""
+    """Squared frequency of oscillations whose amplitude is that driven by noise at a frequency."""
     energy = RESOLVED_ENERGY * driven_square_velocity(system, frequency)
     if system.spring.straight or energy == math.inf:
         linear = system.spring.linear

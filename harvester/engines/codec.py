@@ -68,7 +68,7 @@ def is_lasting(name: str, text: str) -> bool:
 
 
 def packed(key: str, answer: object) -> bytes:
-    """The bytes of an answer's file.
+    """Encode an answer as the bytes of its file.
 
     Raises TypeError if a value's type cannot be stored, NotAnAnswer if the answer is too large to
     be read back.
@@ -89,15 +89,17 @@ def unpacked(content: bytes, key: str) -> object:
     try:
         arrays = _arrays(content)
         digest = str(arrays.pop(DIGEST))
-    # Foreign bytes may raise anything in the readers, MemoryError and RecursionError included.
+    # Damaged content may raise any exception here, even MemoryError or RecursionError.
     except Exception as error:
-        raise NotAnAnswer("not a whole answer: damaged, cut off or of another kind") from error
+        raise NotAnAnswer(
+            "not a whole answer: the file is damaged, cut off or of another kind"
+        ) from error
     if digest != digest_of(arrays):
         raise NotAnAnswer("its content has been changed: it does not match its digest")
     try:
         tree = json.loads(arrays[TREE].tobytes())
         if tree["key"] != key:
-            raise NotAnAnswer("is the answer of another key")
+            raise NotAnAnswer("belongs to another task")
         return _decoded(tree["answer"], arrays)
     except NotAnAnswer:
         raise
@@ -119,7 +121,7 @@ def read(path: os.PathLike, key: str) -> object:
         if not stat.S_ISREG(about.st_mode):
             raise NotAnAnswer("is not a file")
         if about.st_size > MOST_BYTES:
-            raise NotAnAnswer(f"has {about.st_size} bytes, an answer at most {MOST_BYTES}")
+            raise NotAnAnswer(f"has {about.st_size} bytes; the limit is {MOST_BYTES}")
         with open(handle, "rb", closefd=False) as file:
             content = file.read(MOST_BYTES + 1)
     finally:
@@ -138,14 +140,14 @@ def digest_of(arrays: dict) -> str:
 
 
 def _encoded(value, arrays):
-    """A value as JSON: plain ones unchanged, all others as a list that begins with their kind."""
+    """Return a value as JSON: plain values unchanged, others as a list that starts with a type."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "biuf":
-            raise TypeError(f"an array of {value.dtype} cannot be kept")
+            raise TypeError(f"an array of {value.dtype} cannot be stored")
         arrays[f"a{len(arrays)}"] = value
         return ["array", f"a{len(arrays) - 1}"]
     if isinstance(value, errors.HarvesterError):
@@ -159,7 +161,7 @@ def _encoded(value, arrays):
         instance: Any = value
         fields = (getattr(value, attribute.name) for attribute in dataclasses.fields(instance))
         return ["object", type(value).__name__, *(_encoded(content, arrays) for content in fields)]
-    raise TypeError(f"{type(value).__name__} cannot be kept")
+    raise TypeError(f"{type(value).__name__} cannot be stored")
 
 
 def _decoded(tree, arrays):
@@ -182,19 +184,19 @@ def _decoded(tree, arrays):
         names = [attribute.name for attribute in dataclasses.fields(registered)]
         values = [_decoded(item, arrays) for item in content[1:]]
         return registered(**dict(zip(names, values, strict=True)))
-    raise NotAnAnswer("holds something unknown")
+    raise NotAnAnswer("holds a value of unknown type")
 
 
 def _error(name, text):
     if not is_lasting(name, text):
-        raise NotAnAnswer("is an error of the machine or of a limit, which is never stored")
+        raise NotAnAnswer("holds an error of the machine or of a limit, which is never stored")
     if not text.isprintable():
         raise NotAnAnswer("holds text that cannot be printed")
     return LASTING[name](text)
 
 
 def _arrays(content):
-    """The arrays of a zip by name: numbers and text, of the declared size and within the limit."""
+    """Read the named arrays of a zip file; raise if a type or a size is not allowed."""
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as file:
         members = file.infolist()

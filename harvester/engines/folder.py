@@ -18,7 +18,7 @@ _HANDLES: set[int] = set()
 
 
 class StudyFolder(os.PathLike):
-    """A folder that one run at a time locks; `notes` are for the user.
+    """A folder that only one run at a time may use; `notes` are messages for the user.
 
     The operating system locks an open file: the lock ends with the process, even if it is killed.
     """
@@ -81,7 +81,9 @@ def _check(folder):
         try:
             os.makedirs(path, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be created: {error.strerror}") from None
+            raise OutputError(
+                f"{path}: cannot be created: {error.strerror}; choose another --output"
+            ) from None
         check_writable(path / "file")
 
 
@@ -122,7 +124,7 @@ def _lock(handle, folder):
 
 
 def _take_away(folder):
-    """Remove a folder that contains only the files of `hold`."""
+    """Remove a folder that contains only the lock file and an empty folder for answers."""
     with contextlib.suppress(OSError):
         if sorted(os.listdir(folder)) == [LOCK, "points"]:
             os.rmdir(folder / "points")
@@ -145,7 +147,7 @@ def _clean(folder):
 
 
 def _let_go():
-    """Close the lock in a forked process: only the parent holds it."""
+    """Close the lock file in a forked process: only the parent process keeps the lock."""
     for handle in _HANDLES:
         os.close(handle)
     _HANDLES.clear()

@@ -31,17 +31,18 @@ REPORT_SECONDS = 0.25
 # basin boundary. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % reached the same well
 # as in scipy with 1, 2, 4 and 8 times the knots; four times the knots take 1.4 times as long.
 FINER_KNOTS = 4
-# Number of starts in one task: for a resistive load, for a netlist, and for the engine "circuit".
+# Number of initial states in one task: for a resistor as load, for a netlist, and for the engine
+# "circuit".
 TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
-# Number of pairs for a Lyapunov exponent, and their initial distance as a share of the motion's
-# size: a netlist's step control has larger errors, so its pairs begin farther apart.
+# Number of pairs of states for a Lyapunov exponent, and their initial distance as a share of the
+# motion's size: a netlist's step control has larger errors, so its pairs start farther apart.
 PAIRS, NEIGHBOURS, NEIGHBOURS_NETLIST = 16, 1e-8, 1e-5
 # Forcing periods for which the pairs are followed.
 PARTING_PERIODS = 150
 
 
 class Replayed(ExcitationPath):
-    """The same excitation path for all starts; `spacing` of its samples in s."""
+    """One excitation path for all initial states; its samples are `spacing` (s) apart."""
 
     def __init__(self, samples: np.ndarray, spacing: float) -> None:
         self.spacing = spacing
@@ -55,7 +56,7 @@ class Replayed(ExcitationPath):
 
 
 def forced(scene: Scene, command: str) -> Prepared:
-    """The prepared scene with knots that divide its period, and without given starts.
+    """Return the prepared scene with a whole number of knots per period, without given starts.
 
     Raises
     ------
@@ -95,7 +96,7 @@ def follow(
     report: Callable[[float], object],
     settings: dict[str, Any] | None = None,
 ) -> np.ndarray:
-    """Follow starts for some forcing periods, in a worker process.
+    """Integrate initial states over some forcing periods, in a worker process.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def follow(
     chosen.prepare(prepared_scene)
 
     def sampled(some, number):
-        """The samples of some starts; infinite for one that leaves the range or diverges."""
+        """Samples of some initial states; infinite if a state leaves the range or diverges."""
         watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
         observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
@@ -137,12 +138,12 @@ def follow(
                 raise
             if len(some) == 1:
                 return [np.full_like(watching[0].samples, np.inf if leaves else -np.inf)]
-            # One failing start ends all that run with it: bisection finds the failing start.
+            # One failing initial state ends its whole batch: bisection isolates that state.
             half = len(some) // 2
             return sampled(some[:half], number) + sampled(some[half:], number)
         return [strobe.samples for strobe in watching]
 
-    # The engine "circuit" runs one start at a time: side by side all starts would share their time
+    # The engine "circuit" runs one initial state at a time: in one netlist all would share the time
     # steps.
     together = 1 if engine == "circuit" else len(starts)
     parts = [starts[first : first + together] for first in range(0, len(starts), together)]
@@ -167,7 +168,7 @@ class _Reached:
 
 
 def _together(scene: Scene, engine: str) -> int:
-    """Number of starts in one task."""
+    """Number of initial states in one task."""
     if engine == "circuit":
         return TOGETHER_CIRCUIT
     return TOGETHER if scene.load.is_resistor else TOGETHER_NETLIST
@@ -188,7 +189,7 @@ def calls_of(
 def neighbours(
     scene: Scene, samples: np.ndarray, starts: np.ndarray, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of neighbouring starts on a motion of a scene from `forced`, and the motion's size.
+    """Pairs of nearby initial states on one motion, and the size of that motion.
 
     Parameters
     ----------
@@ -203,8 +204,8 @@ def neighbours(
         The first starts of all pairs followed by the second ones; the size.
     """
     scale = sizes_of(samples[members, :, :STATE])
-    # With a resistor the samples hold the whole state, so pairs begin at them; a netlist's
-    # capacitors and inductors have states too, so pairs begin at the starts.
+    # With a resistor the samples hold the whole state, so pairs start from the samples; a netlist's
+    # capacitors and inductors have states too, so pairs start from the initial states.
     if scene.load.is_resistor:
         states = samples[members, :, :STATE].reshape(-1, STATE)
         begin = states[np.linspace(0, len(states) - 1, PAIRS).astype(int)]
@@ -218,7 +219,7 @@ def neighbours(
 
 
 def exponent_of(scene: Scene, followed: np.ndarray, scale: np.ndarray) -> Divergence | None:
-    """The largest Lyapunov exponent from samples of `neighbours`, for PARTING_PERIODS periods."""
+    """Largest Lyapunov exponent from the pairs of `neighbours` after PARTING_PERIODS periods."""
     states = followed[:, :, :STATE]
     pairs = states.reshape(2, PAIRS, *states.shape[1:]).swapaxes(0, 1)
     if not np.isfinite(pairs).all():

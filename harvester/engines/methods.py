@@ -68,8 +68,8 @@ class Engine(Method):
 
     @abstractmethod
     def simulator(self, scene: Scene) -> Any:
-        """The module whose `prepare` and `run_realizations` do the work, the latter given this
-        object first.
+        """Return the module that does the work, with functions `prepare` and `run_realizations`;
+        the first argument of `run_realizations` is this object.
         """
 
     def prepare(self, prepared_scene: Prepared) -> None:
@@ -89,10 +89,10 @@ class Engine(Method):
         Parameters
         ----------
         paths, starts : list of ExcitationPath, list of (float, float, float)
-            For each realization its excitation, and its X, X' and transducer's state, scaled.
+            Excitation of each realization, and its initial X, X' and transducer's state, scaled.
         observers : list of lists of objects with `add(record)`
         outputs : list of harvester.statistics.output_moments.OutputMoments or None
-            For a load that has an output side, one for each realization.
+            One per realization, if the load has an output side.
 
         Returns
         -------

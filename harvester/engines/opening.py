@@ -88,6 +88,6 @@ def _pool(workers, executor, scheduler):
     try:
         client = distributed.Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
-        raise HarvesterError(f"scheduler {scheduler}: {error}") from None
+        raise HarvesterError(f"scheduler {scheduler}: {error}; check the address") from None
     with client:
         yield ExecutorPool(client.get_executor(pure=False))

@@ -1,4 +1,4 @@
-"""The steady motions (attractors) of a deterministic device, from all starts of one run.
+"""The steady motions (attractors) of a deterministic device, from all initial states of one run.
 
 `attractors` reports all of them, for `simulate`. A study prints one number per point: `followed`
 returns the quantities of one orbit, and notes on the others.
@@ -49,14 +49,14 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Largest number of motions without a period whose exponent is computed: a motion that has not
-# settled may appear as one per start.
+# Largest number of motions without a period whose Lyapunov exponent is computed: before a motion
+# settles, all of its starts may appear as separate motions.
 MOST_EXPONENTS = 4
-# A start counts in its motion's means if its first and last cycle differ by at most this share; in
-# a study, if no start does, by at most the second.
+# A start contributes to the means of its motion if its first and last cycle differ by at most the
+# first share; in a study, if no start does, by at most the second.
 SETTLED, NEARLY_SETTLED = 1e-5, 1e-2
-# Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
-# with fewer, starts share a motion if their states coincide.
+# Number of samples at the end of a run that distinguish motions, and the fewest that show a period.
+# With fewer samples, two starts have the same motion if their final states coincide.
 SAMPLES, FEWEST_SAMPLES = 64, 6
 # Orbits whose powers differ by less than this share are reported as one, such as mirror images.
 SAME_POWER = 1e-3
@@ -75,7 +75,7 @@ def attractors(
     pool: Workers,
     time_limit: float,
 ) -> tuple[Attractor, ...]:
-    """The motions on which a run's starts settled, the one with the most starts first.
+    """The motions on which a run's starts settled, the most frequent motion first.
 
     The last entries count starts without a motion: unsettled, escaped.
 
@@ -84,16 +84,16 @@ def attractors(
     realizations : dict of int to Realization
         Realizations by their numbers, with stroboscopic samples.
     escaped : int
-        Number of further starts: those that left the range of the spring.
+        Number of further starts, which left the range of the spring.
     pool : Workers
-        Follow neighbours on motions without a period.
+        Integrates nearby states on motions without a period.
     time_limit : float
-        Wall-clock limit of one of these (s).
+        Wall-clock limit of one such integration (s).
     """
     moments = [realization.moments for realization in realizations.values()]
     samples = np.array([realization.stroboscope for realization in realizations.values()])
     starts = np.array([start_state(prepared_scene, number) for number in realizations])
-    # Neighbours cost as much as about fifty starts: only runs with run.starts compute them.
+    # A Lyapunov exponent costs as much as about fifty starts: only runs with run.starts compute it.
     left = MOST_EXPONENTS if prepared_scene.scene.run.starts else 0
 
     def exponent(states, members):
@@ -160,7 +160,7 @@ class Followed(NamedTuple):
     prepared_scene
         The scene of the remaining realizations.
     moments
-        Moments of the starts on the followed orbit; under noise of all starts.
+        Moments of the starts on the followed orbit; under noise, moments of all starts.
     orbits
         All orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
@@ -173,14 +173,14 @@ class Followed(NamedTuple):
 
 
 def with_orbit(scene: Scene) -> Scene:
-    """The scene with `run.orbit`, the orbit that a study follows: by default the one from rest."""
+    """The scene with `run.orbit`, the orbit that a study follows; by default from rest."""
     if scene.excitation.random or scene.run.orbit:
         return scene
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
 def followed(prepared_scene: Prepared, good: Sequence[dict], cost: float) -> Followed:
-    """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
+    """Results on the orbit that `run.orbit` selects from the reached orbits; see `with_orbit`.
 
     `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the largest
     relative step error of a mean power.
@@ -235,7 +235,7 @@ def note_on_one_start(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
-    """A note: the orbit of the quantities, and the power and share of the others."""
+    """A note: the orbit of the quantities, and power and share of the other orbits."""
     sentences = [orbit.sentence(unit_of(scene, "power")) for orbit in orbits]
     if scene.run.orbit == "weighted":
         return f"means over all starts: {', '.join(sentences)}"

@@ -30,14 +30,14 @@ from harvester.statistics.settling import slow_exchange
 from harvester.statistics.units import unit_of
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
-# An energy balance residual above the first is an error, one above the second a note.
+# An energy balance residual above LARGEST_RESIDUAL is an error, above NOTED_RESIDUAL a note.
 LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
-# A note is given if noise between its samples would raise the power by this share.
+# A note is given if the noise that is too fast for the knots would raise the power by this share.
 NOTED_MISSING = 0.01
 
 
-# The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
+# The sums of a run that diverged may overflow. The residual is then NaN, which raises an error.
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     prepared_scene: Prepared,
@@ -63,8 +63,8 @@ def result_of(
     if estimates.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if estimates.shortfalls or slow_exchange(scene, estimates.balance):
-        # The joint density's samples are not weighted: the shares of the wells depend on the
-        # starts.
+        # The samples of the joint density are not weighted, so the shares of the wells depend on
+        # the starts.
         joint = joint and replace(joint, standard_error=None)
     failure_notes: tuple[str, ...] = ()
     if failures:
@@ -141,14 +141,14 @@ def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
     frequency = timescales.angular_frequency(prepared_scene.system)
     spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
-    # By this share noise without an upper frequency limit moves the base more than its linear
+    # Share by which noise without an upper frequency limit moves the base more than its linear
     # interpolation does.
     banded = isinstance(scene.excitation, Spectrum)
     missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
-            f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
-            f"{1.0 / decay:.2g} s: with the noise in between, the base would raise the power by "
+            f"the noise is linear between knots {spacing:.2g} s apart, and the load's voltage "
+            f"decays in {1.0 / decay:.2g} s: the missing faster noise would raise the power by "
             f"about {missing:.0%}; shorten excitation.knot_spacing, or use method spectral",
         )
     return notes
@@ -166,8 +166,8 @@ def _notes_on_starts(prepared_scene, motions):
     lines = (*repeats, *(motion.sentence(unit) for motion in motions))
     if any(motion.kind == UNDETERMINED for motion in motions):
         lines += (
-            "whether a motion without a period is chaotic: run.starts = 100 or harvester basins "
-            "give its exponent",
+            "a motion without a period may be chaotic: run.starts = 100 or harvester basins give "
+            "its Lyapunov exponent",
         )
     if scene.run.starts:
         lines += (
@@ -177,8 +177,8 @@ def _notes_on_starts(prepared_scene, motions):
         )
     elif len(motions) > 1:
         lines += (
-            "the quantities above are means over all starts; their error bars hold for these "
-            "starts alone: others have other shares",
+            "the quantities above are means over all starts; their error bars are valid for these "
+            "starts only: other starts reach the motions in other proportions",
         )
     return lines
 

@@ -10,7 +10,7 @@ MOST_OF_BUDGET = 0.99
 
 
 class Stages:
-    """The progress of a study in stages, each of one list of tasks.
+    """Progress of a study whose stages are lists of tasks.
 
     `report` is called with the finished share of all stages, 0 … 1 and never falling, and the
     description of the present stage.
@@ -50,7 +50,7 @@ class Progress:
         self._began, self._deadline = 0.0, math.inf
 
     def begin(self, plans: int, deadline: float = math.inf) -> None:
-        """Add plans; after the end of all others the share starts from zero."""
+        """Add a number of plans; if no other plan is active, the share restarts from zero."""
         if self._ended == self._plans:
             self._plans, self._ended = 0, 0
             self._share, self._spent = 0.0, 0.0

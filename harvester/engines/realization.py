@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from circuits.netlist.measurement import Probe
 
 REPORT_SECONDS = 0.25
-# A transient is resolved if its energies, in this number of parts of the run, change by less than
-# this share when its steps are halved.
+# A transient is resolved if halving its steps changes the energies, in each of PARTS parts of the
+# run, by less than the share RESOLVED.
 PARTS, RESOLVED = 16, 0.01
-# The path of a nonlinear device under one record may be chaotic. An ensemble shows it: runs whose
-# excitation differs by these shares of the step error. With a resistor they use vector lanes that
-# one realization leaves idle. With a netlist each perturbation costs a run: there are fewer, and
-# none for records of more periods than this, whose batches already show the scatter.
+# The path of a nonlinear device under one record may be chaotic. An ensemble of runs shows this;
+# their excitations differ by these shares of the step error. With a resistor the runs use vector
+# lanes that one realization leaves idle. With a netlist every perturbation costs a run: they are
+# fewer, and absent for records longer than MOST_PERIODS, whose batches already show the scatter.
 PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
 NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
 UNKNOWN_SPREAD = (
@@ -71,8 +71,8 @@ class Realization:
     joint
         Joint histogram, if it was requested.
     seconds
-        Processor time of one core (s) for the simulation alone; for realizations run together, the
-        share of this one.
+        Processor time of one core (s) for the simulation alone, divided equally among realizations
+        that run together.
     started, ended
         System time at start and end (s).
     stroboscope
@@ -167,7 +167,7 @@ class _WatchedOutput:
 class Reporter:
     """Reports the present moments of all realizations several times a second."""
 
-    # A record without points is enough.
+    # This observer does not read the points of a record.
     reads_points = False
 
     def __init__(self, moments: list[Moments], report: Callable) -> None:
@@ -192,7 +192,7 @@ def run(
     stretch: WaveformWindow | None = None,
     stroboscope: bool = False,
 ) -> list[Realization]:
-    """Simulate realizations of a scene; the circuit engine takes them side by side.
+    """Simulate realizations of a scene; the circuit engine runs them in one netlist.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _ensemble(prepared_scene, indices, perturbations):
 
 
 def _run_ensemble(prepared_scene, engine, indices, realizations, perturbations):
-    """Set the spread of realizations by perturbed runs, of Monte Carlo if it supports the load."""
+    """Set the spread of realizations from perturbed runs, by Monte Carlo if it takes the load."""
     load = prepared_scene.scene.load.circuit
     other: Engine = MonteCarlo()
     try:
@@ -314,7 +314,7 @@ def _refined(prepared_scene, engine, others):
         try:
             refined = _converged(prepared_scene, replace(engine, step=step), others)
         except SimulationError:
-            # Steps longer than requested may be too long.
+            # A failure with steps longer than requested is ignored.
             if steps >= count:
                 raise
             continue
@@ -481,7 +481,7 @@ def quantity_names(prepared_scene: Prepared) -> tuple[str, ...]:
 
 
 def _period(scene):
-    """Period (s) of which means cover whole multiples, common with the load's if a run holds two.
+    """Period (s) for means over whole periods; shared by the load if a run holds two such periods.
 
     Example: with a source of 20 Hz and a sine of 12.5 Hz the mean over 0.96 s is 1 % lower than
     over 0.8 s.

@@ -59,7 +59,7 @@ class Request:
         Relative error, from standard error and step error, down to which realizations are added; or
         None.
     quantities
-        The precision applies to these; those that the scene does not have are ignored.
+        The precision applies to these quantities; names that the scene does not have are ignored.
     step, tolerance
         Options of the method, if it is given by its name.
     realizations
@@ -241,15 +241,15 @@ def answering(
 
 
 def sampling_error_budget(precision: float, step_error: float) -> float:
-    """Relative standard error that with the steps' error makes up a precision. If the step error
-    alone exceeds it, the precision itself; `note_on_steps` then reports it.
+    """Standard error whose square plus the step error's square is the precision's square. If the
+    step error alone exceeds the precision, return the precision; `note_on_steps` reports this.
     """
     left = precision**2 - step_error**2
     return math.sqrt(left) if left > 0.0 else precision
 
 
 def note_on_steps(precision: float, step_error: float) -> str:
-    """A note if the steps' error exceeds the precision asked for; empty otherwise."""
+    """A note if the step error exceeds the requested precision; empty otherwise."""
     if step_error < precision:
         return ""
     return (
@@ -270,13 +270,13 @@ def in_rounds(
     Parameters
     ----------
     first, most : int
-        Realizations of the first round, and of all.
+        Number of realizations in the first round, and the most in all rounds.
     precision : float or None
         Relative error at which to stop; None: only one round.
     judge : callable
         Function of the answers of all tasks so far and the reason of an end ("" if more may
-        follow); returns the estimates and their relative error; 0 if more realizations would not
-        help.
+        follow); returns the estimates and their relative error, or 0 for the error if more
+        realizations would not help.
 
     Returns
     -------
@@ -383,7 +383,7 @@ def _answer(request, good, ended, cost):
         notes.append(note_on_steps(precision, cost))
     if precision and reached > sampling_error_budget(precision, cost):
         error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
-        notes.append(f"relative standard error {error}, not the {precision:.1%} asked for")
+        notes.append(f"relative standard error {error}, above the requested {precision:.1%}")
     if isinstance(ended, HarvesterError):
         ended = told(ended)
     answer = Answer(

@@ -22,8 +22,8 @@ STEP_ERROR_FACTOR = 10.0
 # A run counts as short when the energy stored in the device changes by at least this share of the
 # energy that flows through it.
 STORED_SHARE_OF_SHORT_RUNS = 0.5
-# A residual is ascribed to load or damper if, over at least this number of realizations, it has at
-# least this correlation with the dissipation of that part.
+# A residual is ascribed to a part (load or transducer) if it correlates with the dissipation of
+# that part at least this well, over at least this number of realizations.
 FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
@@ -62,8 +62,8 @@ def _causes(result):
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
     if not share < STORED_SHARE_OF_SHORT_RUNS:
         yield (
-            f"the run is too short: the stored energy changes by {share:.2g} of the input, so "
-            f"that its ends matter; {scene.excitation.longer_run(scene.run)}"
+            f"the run is too short: the stored energy changes by {share:.2g} of the input; "
+            f"{scene.excitation.longer_run(scene.run)}"
         )
     fastest = _fastest(prepared_scene)
     beyond_steps = (
@@ -76,9 +76,9 @@ def _causes(result):
         share = missing.sum() / next(iter(absorbers.values())).sum()
         names = " or the ".join(absorbers)
         yield (
-            f"the {names}: the missing energy is proportional to its dissipation, {share:+.2g} of "
-            f"it in every realization; the circuit's {names} differs from the one that the power "
-            "is computed with (its value, its parameters, a temperature or a multiplier)"
+            f"the {names}: the missing energy is proportional to its dissipation (ratio "
+            f"{share:+.2g}); the circuit's {names} differs from the {names} that the power is "
+            "computed with: check value, parameters, temperature and multiplier"
         )
     load = result.scene.load.circuit
     if load and load.switches and beyond_steps:
@@ -105,7 +105,7 @@ def _causes(result):
 
 
 def _absorbers(totals, missing):
-    """Energies of the parts to which the missing energy is proportional, more than to the loss."""
+    """Dissipation of every part that correlates with the missing energy better than the loss."""
     if len(missing) < FEWEST_REALIZATIONS:
         return {}
     loss = totals["loss_power"] - totals["transducer_loss"]

@@ -41,7 +41,7 @@ class Runner:
     out_of_time
         Whether tasks were skipped because the time budget was spent.
     computed, reused
-        Number of tasks that were computed, and of those reused from the store.
+        Numbers of tasks that were computed, and of tasks whose answers came from the store.
     """
 
     def __init__(
@@ -81,15 +81,15 @@ class Runner:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings: stored answers that are not valid, outcomes not kept, a folder that
+        """Warnings on invalid stored answers, on results that were not stored, and on a folder that
         cannot be locked."""
         lines = list(self._store.refused.values())
         if len(lines) > MOST_NAMED:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
         if self._store.passing and self._store.on_disk:
             lines.append(
-                f"{self._store.passing} tasks gave no storable result (a limit, the machine, a "
-                "missing program or file): the same command computes them again"
+                f"{self._store.passing} tasks gave no result to store (because of a limit, the "
+                "machine, a missing program or file): run the same command to compute them again"
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
 
@@ -104,7 +104,7 @@ class Runner:
             self._deadline = deadline
 
     def run(self, tasks: Sequence[Task]) -> list:
-        """Answers of some tasks, in their order; tasks begin in that order, equal ones once.
+        """Answers of some tasks, in their order; tasks begin in that order, equal tasks once.
 
         A failed task's answer is its HarvesterError; a task skipped for lack of time has None.
         """
@@ -118,8 +118,8 @@ class Runner:
     ) -> list[Answer | HarvesterError | None]:
         """Answers to requests, in their order; see `harvester.engines.request.answering`.
 
-        Requests begin in that order, equal ones once. `on_answer` is called with (index, answer)
-        for each answer; `in_turn` as for `follow`.
+        Requests begin in that order, equal requests once. `on_answer` is called with (index,
+        answer) for each answer; `in_turn` as for `follow`.
         """
         # Requests with the same tasks share them: a density requested by one is computed for all.
         shapes = {_cut(request) for request in requests if request.density}
@@ -175,7 +175,7 @@ class _Following:
         self._in_turn = in_turn
         self._store, self._progress = runner._store, runner._progress
         self._returned = [None] * len(plans)
-        # For each plan its tasks and their results; for each task's key the plans that wait for it.
+        # Tasks and results of each plan; by the key of a task, the plans that wait for this task.
         self._wanted, self._results, self._waiting = {}, {}, {}
         # Tasks that have not been submitted yet, with their priorities.
         self._ready, self._number = [], itertools.count()
@@ -258,7 +258,7 @@ class _Following:
             future.add_done_callback(self._done.put)
 
     def _leave_out(self):
-        """Give all tasks that have not begun the answer None."""
+        """Set the answers of all tasks that have not begun to None."""
         for future in self._futures:
             future.cancel()
         left_out, self._ready = self._ready, []
@@ -267,7 +267,7 @@ class _Following:
             self._settle(task, None, 0.0)
 
     def _end_running(self):
-        """Terminate the running tasks and give them the answer None."""
+        """Terminate the running tasks and set their answers to None."""
         running, self._futures = self._futures, {}
         if running:
             self._runner.out_of_time = True
@@ -312,7 +312,7 @@ def _outcome(future):
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
-    # If the process itself ended, the failure has no time.
+    # If the worker process died, the outcome is an error without a computing time.
     return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
 
 

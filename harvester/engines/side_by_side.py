@@ -1,4 +1,4 @@
-"""Batch sizes of realizations: in one netlist, or in Monte Carlo's loop."""
+"""Number of realizations that run together: in one netlist, or in Monte Carlo's loop."""
 
 from __future__ import annotations
 

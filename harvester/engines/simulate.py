@@ -78,7 +78,7 @@ def simulate(
         result's `failures` name it. Else the first failure ends the run.
     stroboscope : bool
         Keep the state at the beginning of every period, as `Result.stroboscope` and a figure: the
-        period of the excitation, of its lowest line or, under noise, of the device.
+        period of the excitation, of its lowest sine or, under noise, of the device.
     window : (float, float), "all" or None
         Part of the first realization in `Result.waveform` and --waveform: START:END in s from the
         run's beginning, or all (default: 50 periods of the device's motion after settling).

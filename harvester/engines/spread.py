@@ -87,7 +87,9 @@ def stretch_of(
     scene = prepared_scene.scene
     nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
-        raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
+        raise LoadError(
+            f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone; omit --node"
+        )
     probes: tuple[Probe, ...] = ()
     if nodes:
         from circuits.netlist.measurement import probes_of
@@ -104,7 +106,9 @@ def stretch_of(
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
         if start >= end:
-            raise HarvesterError(f"--window {start:g}:{stop:g}: the run ends at {end:g} s")
+            raise HarvesterError(
+                f"--window {start:g}:{stop:g}: the run ends at {end:g} s; choose an earlier window"
+            )
         return WaveformWindow(start, stop, probes=probes)
     start, stop = scene.run.settle, end
     rate = timescales.angular_frequency(prepared_scene.system)

@@ -67,7 +67,7 @@ class AnswerStore:
             content = packed(task.key, answer)
         except NotAnAnswer as reason:
             self._held[task.key] = answer
-            self.refused[task.key] = f"{self._path(task)}: {reason}: not kept"
+            self.refused[task.key] = f"{self._path(task)}: {reason}: was not stored"
             return
         with whole_file(self._path(task)) as file:
             file.write(content)
@@ -85,7 +85,7 @@ class AnswerStore:
         except OSError:
             return True
         self.refused[task.key] = (
-            f"{self._path(task)}: is not a file: left there, and the answer not kept"
+            f"{self._path(task)}: is not a file: remove it; the answer was not stored"
         )
         return False
 

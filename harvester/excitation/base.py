@@ -89,7 +89,7 @@ class ExcitationPath(ABC):
 
 
 class Excitation(Table, ABC):
-    """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
+    """One kind of excitation η, the right-hand side of Eq. 4a, linear between equal knots.
 
     A kind is a class decorated by `harvester.device.keys.table`: its fields are the keys of the
     scene's table `[excitation]`, in the scene's units. Accelerations are divided by the length unit
@@ -174,7 +174,7 @@ class Excitation(Table, ABC):
     def measured_density(self, stretch: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Frequencies (Hz) and density of a measured path; None for other paths.
 
-        The mean over segments of this length (s), up to a factor.
+        The density is averaged over segments of length `stretch` (s), and known up to a factor.
         """
         return None
 

@@ -45,7 +45,8 @@ def _filter(low, high, rate, file):
     if not low + least <= high < 0.5 * rate or 0.0 < low < least:
         raise SceneError(
             f"{file}: excitation.band = [{low:g}, {high:g}]: must be at least {least:.2g} Hz wide, "
-            f"begin at 0 or that, and end below {0.5 * rate:g} Hz, half the sampling rate"
+            f"begin at 0 or at least {least:.2g} Hz, and end below {0.5 * rate:g} Hz (half the "
+            "sampling rate)"
         )
     edges, kind = (high, "lowpass") if low == 0.0 else ([low, high], "bandpass")
     return signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")

@@ -67,7 +67,7 @@ class NormalPath(ExcitationPath):
 
 @uncounted
 def _write(words, law, last, numbers, done):
-    """Write numbers until words run out; return their count, the last one, and words used."""
+    """Write numbers until words run out; return number count, last number, and word count."""
     deviation, memory, kick = law
     position = 0
     while done < numbers.size and position < words.size - SPARE_WORDS:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 
-# Default number of knots. Linear interpolation lowers the variance of the noise by the share
-# spacing/(3 τ1), 4 % here.
+# Default number of knots per correlation time τ1. Linear interpolation lowers the variance of the
+# noise by the share spacing/(3 τ1), 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 
 

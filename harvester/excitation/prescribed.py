@@ -21,7 +21,7 @@ class PrescribedDisplacement(Excitation):
     """X = amplitude · sin(2π frequency t), whatever the load does.
 
     η is the force that moves a mass without spring and damper in this way, so that the input power
-    is that of driving the piezo. Published closed forms for loads assume this motion.
+    is the power that drives the piezo. Published closed forms for loads assume this motion.
     """
 
     amplitude: float = positive("amplitude: of the displacement", "m", "l", required=True)

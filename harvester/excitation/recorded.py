@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 
 UNITS = (*ACCELERATION, "scaled")
-# A remark is made if the band with the first share of the record's power lies above or below the
-# device's frequency by more than the second factor.
+# A note is given if the band that contains BAND_SHARE of the record's power lies above or below the
+# device's frequency by more than the factor BAND_MISS.
 BAND_SHARE, BAND_MISS = 0.99, 3.0
 # A note is given if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
@@ -56,7 +56,7 @@ SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 @table
 class RecordedMotion(Excitation):
-    """Base acceleration from a file, linear between samples; docs/reference/files.md lists formats.
+    """Base acceleration from a file, linear between samples; see docs/reference/files.md.
 
     η is minus the base acceleration, since displacements are relative to the base; in a scaled
     scene (`unit = "scaled"`) the column is η itself.
@@ -167,7 +167,7 @@ class RecordedMotion(Excitation):
     def check(self, units: str, run: Run, origin: str) -> None:
         self._check_unit(units, origin)
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
-            raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
+            raise SceneError(f"{origin}: excitation.full_scale is for .wav files only: remove it")
         if self.scale == 0.0:
             raise SceneError(f"{origin}: excitation.scale = 0: must not be 0")
         longest = one_pass(self).interval * (1.0 + 1e-9)
@@ -327,7 +327,7 @@ def _knots(record: RecordedMotion) -> Knots:
 def _read_knots(record, name):
     content, digest = read_content(record.file)
     if digest != record.sha256:
-        raise SceneError(f"{name}: the record has changed since the scene was read")
+        raise SceneError(f"{name}: the record has changed since the scene was read: read it again")
     measured = MeasuredFile(
         record.file,
         content,
@@ -368,9 +368,8 @@ def _read_knots(record, name):
             f"knot_spacing = {record.knot_spacing:g}" if record.knot_spacing else "interpolation"
         )
         raise SceneError(
-            f"{name}: excitation.{setting}: gives "
-            f"{knots_per_sample * values.size:.3g} knots of the record, and this machine's memory "
-            f"allows {most_samples()}"
+            f"{name}: excitation.{setting}: gives {knots_per_sample * values.size:.3g} knots, and "
+            f"this machine's memory allows {most_samples()}: shorten the record"
         )
     factor = max(1, math.ceil(knots_per_sample - 1e-9))
     refined = conditioning.smoothed if smooth > 1 else conditioning.refined
@@ -397,7 +396,7 @@ def _motion(measured, column, time_column):
         others &= {*measured.of("acceleration")}
     if len(others) != 1:
         raise SceneError(
-            f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
+            f"{measured.where}: excitation.column is missing; set it to one of {measured.listed()}"
         )
     return others.pop()
 
@@ -426,7 +425,8 @@ def _from_start(values, times, rate, start, name):
     if first >= values.size:
         length = values.size / rate if times is None else np.nanmax(times)
         raise SceneError(
-            f"{name}: excitation.start = {start:g} s: the record ends before, at {length:g} s"
+            f"{name}: excitation.start = {start:g} s: the record ends earlier: start before "
+            f"{length:g} s"
         )
     return values[first:], None if times is None else times[first:] - times[first]
 

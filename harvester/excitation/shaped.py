@@ -137,7 +137,7 @@ class ShapedPath(ExcitationPath):
         return samples
 
     def _fill(self):
-        """Fill the next block: second half of a circular convolution over two (overlap–save)."""
+        """Fill the next block by overlap–save: second half of a convolution of two blocks."""
         self._input[: self._taps] = self._input[self._taps :]
         self._input[self._taps :] = self._white.read(self._taps)
         filtered = np.fft.irfft(np.fft.rfft(self._input) * self._spectrum)
@@ -150,8 +150,8 @@ class Bursts:
     """Factors exp(σ z − σ²) with σ² = ln(kurtosis/3)/4, whose mean square is 1.
 
     z is normal at every time: z = ξ_j cos θ + ξ_{j+1} sin θ, where θ goes from 0 to π/2 from one
-    node to the next and ξ are independent. They preserve the mean square of a Gaussian path and
-    give it the required kurtosis, 3 E[factor⁴]; the density is blurred by about 1/(2 time).
+    node to the next and ξ are independent. The factors preserve the mean square of a Gaussian path
+    and give it the required kurtosis, 3 E[factor⁴]; the density is blurred by about 1/(2 time).
 
     `kurtosis`: above 3. `knots`: number of knots from one node to the next.
     """

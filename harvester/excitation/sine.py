@@ -85,7 +85,7 @@ class SteppedSine(Harmonic):
 
     Not available in scenes: `harvester.frequency_response` creates it.
 
-    `amplitude` in m/s² in SI, `frequencies` in Hz, `dwell` at each in s.
+    `amplitude`: in m/s² in SI. `frequencies`: Hz. `dwell`: time at each frequency (s).
     """
 
     amplitude: float

@@ -125,7 +125,7 @@ class Spectrum(Excitation):
         return self.knot_spacing or min(max(close, longest), wide, longest)
 
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        # Noise with the greatest density, G = 4 D, and its variance D/τ1.
+        # Noise with the same peak density, G = 4 D, and the same variance, D/τ1.
         intensity = max(density for _, density in self.points) / 4.0
         return intensity, intensity / mean_square(self.points)
 
@@ -149,8 +149,8 @@ class Spectrum(Excitation):
         excess = math.sqrt(float(raised.sum() / density.sum())) - 1.0
         if excess > NOTED_EXCESS:
             lines.append(
-                f"knots {spacing:.3g} s apart: the density is right on the straight lines between "
-                f"them; the knots themselves have {excess:.1%} more rms"
+                f"knots {spacing:.3g} s apart: the density is correct for the path with straight "
+                f"lines between the knots; the rms of the knots alone is {excess:.1%} higher"
             )
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:
@@ -162,8 +162,8 @@ class Spectrum(Excitation):
         lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
         if lost > NOTED_LOSS:
             lines.append(
-                f"the filter of the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
-                f"square {lost:.1%} is lost at edges and peaks"
+                f"the filter of the path resolves {4.0 * places[1]:.2g} Hz: it removes "
+                f"{lost:.1%} of the mean square, at edges and peaks of the density"
             )
         if self.kurtosis > 3.0:
             burst = self.burst_time or PERIODS_PER_BURST / low

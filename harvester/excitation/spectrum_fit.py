@@ -15,12 +15,12 @@ from harvester.excitation.recorded import one_pass
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Number of averaged segments, not counting those that overlap two others by half.
+# Number of averaged segments, not counting segments that overlap two others by half.
 STRETCHES = 16
 # Upper limits of fit and comparison, as shares of half the sampling rate. Aliasing of the noise's
 # tail raises the density there by 5 % and 23 %.
 FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
-# The fitted band excludes this share of the variance at each end. In the logarithm a stop band
+# The fitted band excludes this share of the variance at each end. In a logarithmic fit a stop band
 # would have as much weight as other bands, although the device does not respond to it.
 LEFT_OUT_SHARE = 0.01
 # Fewest frequencies in the fitted band.
@@ -29,7 +29,7 @@ FEWEST_FREQUENCIES = 8
 FALLING_CORNER_RATIO = 10.0
 # Deviation in dB above which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
-# The same limit for the unexplained share of the variance, and for the excess kurtosis.
+# Limit of the unexplained share of the variance, and of the excess kurtosis.
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
 # The parameters with an error, and the other keys in JSON.
@@ -64,8 +64,8 @@ class SpectrumFit:
         The record's density relative to the fit in the octave around the device's frequency; nan if
         the compared band does not contain it.
     unexplained
-        ∫|P − S| over ∫max(P, S) of the band, in thirds of octaves: the share of the variance of
-        record and fit together that they do not have in common.
+        ∫|P − S| / ∫max(P, S) over the band, in thirds of octaves, with the record's density P and
+        the fit S: the share of variance that record and fit do not have in common.
     excess_kurtosis
         Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
         an envelope.
@@ -100,11 +100,11 @@ class SpectrumFit:
             )
         if self.unexplained > FAR_SHARE:
             differences.append(
-                f"it and the fit have only {1.0 - self.unexplained:.0%} of their variance in common"
+                f"record and fit have only {1.0 - self.unexplained:.0%} of their variance in common"
             )
         if abs(self.excess_kurtosis) > FAR_KURTOSIS:
             differences.append(
-                f"its excess kurtosis is {self.excess_kurtosis:.1f}, that of the noise 0"
+                f"its excess kurtosis is {self.excess_kurtosis:.1f}; Gaussian noise has 0"
             )
         return tuple(differences)
 
@@ -157,10 +157,10 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
 
     Notes
     -----
-    Minimises Σ [log S + P/S] (P. Whittle, Ark. Mat. 2, 423 (1953)) over Welch's estimate P with
-    Hann windows that overlap by half; errors follow from the expected information, with the
-    record's number of independent values in the band. Aliasing of the noise's tail makes τ1 some
-    percent too short.
+    Minimises Σ [log S + P/S] (P. Whittle, Ark. Mat. 2, 423 (1953)) for the fitted density S and
+    Welch's estimate P with Hann windows that overlap by half; errors follow from the expected
+    information, with the record's number of independent values in the band. Aliasing of the noise's
+    tail makes τ1 some percent too short.
     """
     from scipy import optimize, signal, stats
 
@@ -193,10 +193,10 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     fitted = _model(frequency, intensity, time)
     if 2.0 * np.pi * frequency[in_band][0] * time > FALLING_CORNER_RATIO:
         raise AveragingError(
-            "the record's density falls over its whole band and gives no D: a longer record is "
-            "needed, or it is not Ornstein–Uhlenbeck noise; simulate"
+            "the record's density falls over its whole band, so that it does not determine D: use "
+            "a longer record, or simulate with the record itself"
         )
-    # ∫|P − S| over ∫max(P, S), each first averaged over thirds of octaves.
+    # ∫|P − S| / ∫max(P, S): record P and fit S are first averaged over thirds of octaves.
     thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
     measured, modelled = np.bincount(thirds, density), np.bincount(thirds, fitted)
     apart = np.abs(measured - modelled).sum() / np.maximum(measured, modelled).sum()
@@ -227,7 +227,7 @@ def _band(record, frequency, high):
 
 
 def _model(frequency, intensity, time):
-    """4 π S(ω): one-sided per hertz (Eq. 6)."""
+    """One-sided density per hertz, 4 π S(ω), of the noise in Eq. 6."""
     return 4.0 * intensity / (1.0 + (2.0 * np.pi * frequency * time) ** 2)
 
 

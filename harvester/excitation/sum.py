@@ -94,7 +94,7 @@ class Sum(Excitation):
 
     @property
     def period(self) -> float | None:
-        """Common period of the parts, if their ratios are those of small integers."""
+        """Common period of the parts, if the ratios of their periods are simple fractions."""
         periods = [part.period for part in self.parts]
         return None if None in periods else common_period(periods)
 
@@ -103,7 +103,7 @@ class Sum(Excitation):
         return tuple(corner for part in self.parts for corner in part.corners)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
-        """The sum of the parts' densities, which are independent."""
+        """The sum of the densities of all parts, since the parts are independent."""
         densities = [part.density(frequencies) for part in self.parts]
         return None if any(part is None for part in densities) else np.sum(densities, axis=0)
 

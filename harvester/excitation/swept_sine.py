@@ -44,8 +44,8 @@ class SweptSine(Harmonic):
     def check(self, units: str, run: Run, origin: str) -> None:
         if self.frequency == self.end_frequency:
             raise SceneError(
-                f"{origin}: excitation.end_frequency = {self.end_frequency:g}: is the sweep's "
-                'start; choose another, or kind = "sine"'
+                f"{origin}: excitation.end_frequency = {self.end_frequency:g}: equals "
+                'excitation.frequency; choose another value, or kind = "sine"'
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self._highest)
         self._check_knot_spacing(longest, "an eighth of the sine's shortest period", origin)

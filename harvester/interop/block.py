@@ -49,7 +49,7 @@ class Block:
     name : str
         Name of sub-circuit or module, and of the files.
     vibration : ndarray of shape (knots, 2)
-        Time (s) and acceleration of the base (m/s²), straight lines between them.
+        Time (s) and acceleration of the base (m/s²), linear between the knots.
     step, stop : float
         Longest step and end of the deck (s).
     """

@@ -29,7 +29,7 @@ TERMINAL, START_STATE = 2, 6
 
 
 class Energies(NamedTuple):
-    """Energies since the beginning (J); the input is the sum of the others.
+    """Energies since the beginning (J); `input` is the sum of all other energies.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
 
 
 class Coupled:
-    """A piezo with the terminal current as input, or a coil with the terminal voltage.
+    """A piezo whose input is the terminal current, or a coil whose input is the terminal voltage.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class Coupled:
     def _segment(self) -> tuple[float, float, float]:
         """Present base acceleration, its slope, and the time of the next knot."""
         spacing = self._path.spacing
-        # A knot within rounding counts as passed.
+        # A knot that is ahead only by a rounding error counts as passed.
         knot = math.floor(self.time / spacing + 1e-9)
         while knot + 1 >= self._first + self._knots.size:
             self._first += self._knots.size - 1

@@ -227,7 +227,7 @@ def outlined(prepared_scene: Prepared, report: Callable) -> dict[str, Density]:
         The solver is not valid for this scene.
     """
     density = outline(averaged_device(prepared_scene))
-    # On a coarse grid densities alternate from node to node; the joint density is smoothed.
+    # On a coarse grid densities oscillate from node to node; the joint density is smoothed.
     x, v, joint = density.tabulated_joint()
     marginals = {
         "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),

@@ -66,7 +66,7 @@ def variables(setup: Prepared) -> list[Variable]:
     else:
         terminal, resistor, unit, kind = across, "in series", "A", "current"
         output = Variable("current", "output", "A", "Out of the positive terminal")
-    base = "Of the base; the mass is driven by its opposite"
+    base = "Acceleration of the base; the force on the mass is opposite"
     return [
         Variable("time", "independent", "s", "Time"),
         Variable("base_acceleration", "input", "m/s2", base, 0.0),
@@ -83,7 +83,7 @@ def variables(setup: Prepared) -> list[Variable]:
         Variable("energy_damper", "output", "J", "Lost in the damper"),
         Variable("energy_contacts", "output", "J", "Lost in contacts"),
         Variable("energy_transducer", "output", "J", "Lost in the transducer itself"),
-        Variable("energy_delivered", "output", "J", "Out of the terminals, the resistor with it"),
+        Variable("energy_delivered", "output", "J", "Delivered, including the resistor"),
     ]
 
 
@@ -98,9 +98,9 @@ def unit_files(setup: Prepared, version: int) -> tuple[str, dict[str, str]]:
 
 
 def write_fmu(setup: Prepared, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
-    """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
+    """Write a scene's device as FMUs for FMI 2.0 and 3.0: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
-    They contain sources, and binaries for this machine if there is a C compiler.
+    The FMUs contain sources, and binaries for this machine if there is a C compiler.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def platform_folder(version: int) -> str:
 
 
 def _attributes(**values: object) -> str:
-    """Attributes of an XML element, without those that are None."""
+    """Attributes of an XML element; values that are None are omitted."""
     return "".join(
         f" {key}={quoteattr(repr(value) if isinstance(value, float) else str(value))}"
         for key, value in values.items()

@@ -41,7 +41,7 @@ OPEN, SHORTED = 1e6, 1e-4
 OTHER_LOADS = (1.0 / 3.0, 3.0)
 # Smallest voltage, as a share of the peak, for computing the current from power/voltage.
 LEAST_VOLTAGE = 1e-6
-# Fewest raw steps up to the peak of a recorded value; otherwise the scale is refined.
+# Fewest quantization steps up to the peak of a recorded value; with fewer the scale is refined.
 FEWEST_STEPS = 1e5
 HIGHEST_RAW = 2**32 - 1
 DATA_TYPES = ("ivsample", "isc_voc")
@@ -258,7 +258,7 @@ def write_shepherd(
 
 
 def _extremes(setup, duration, realization, report):
-    """Open-circuit voltage and short-circuit current; reports the power of a line between."""
+    """Open-circuit voltage and short-circuit current; reports the power that they predict."""
     scene = setup.scene
     rate = timescales.angular_frequency(setup.system)
     matched = scene.transducer.matched_resistance(rate)
@@ -300,7 +300,7 @@ def _shepherd_content(scene, data, voltage, current):
 
 
 def _gain(values: np.ndarray, usual: float) -> float:
-    """Value of a raw step: Shepherd's default, unless the peak is out of range or has few steps."""
+    """Size of a quantization step: Shepherd's default, unless the peak is too high or too low."""
     peak = float(values.max(initial=0.0))
     if peak == 0.0 or FEWEST_STEPS * usual <= peak <= HIGHEST_RAW * usual:
         return usual

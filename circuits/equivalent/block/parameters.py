@@ -59,7 +59,7 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """The parameters of a block, and the expressions of them in its formulas.
+    """The parameters of a block, and the expressions of these parameters in its formulas.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
 # Lengths in schemdraw's units: gap between parts of the drawing, padding of boxes, wires out of
 # boxes.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
-# Largest width of the mechanical side; it continues in another row.
+# Largest width of the mechanical side, which then continues in another row.
 WIDEST_ROW = 17.0
 
 

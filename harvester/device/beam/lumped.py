@@ -15,23 +15,24 @@ from harvester.device.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY
 from harvester.device.beam.modes import Piece, Tip, clamp_compliance, modes, rest
 from harvester.device.keys import SI, OneOf, Table, key, not_negative, positive, table, word
 
-# Thickness over length above which a beam is rejected, or noted: shear, neglected here, lowers the
-# frequency by 4 % at a fifth (Timoshenko's first correction), by 1 % at a tenth.
+# Thickness over length above which a beam is rejected, and above which a note is given: shear,
+# neglected here, lowers the frequency by 4 % at 0.2 (Timoshenko's first correction), 1 % at 0.1.
 THICKEST, THICK = 0.2, 0.1
 # Width over length above which a note is given: a plate is up to 1/(1 − ν²) = 10 % stiffer.
 WIDE = 0.5
-# Share of the rigidity due to the field's variation in a bent layer above which a note is given:
-# 1 % of the frequency.
+# A note is given if the variation of the field in a bent layer adds more than this share of the
+# rigidity: 1 % of the frequency.
 STIFFENED = 0.02
-# Multiple of the material's strain limit above which a given limit is noted.
+# A note is given if the scene's strain limit exceeds this multiple of the material's limit.
 FAR_BEYOND = 10.0
-# A patch shorter than the first multiple of its thickness is rejected, than the second noted: its
-# ends do not follow the beam's strain.
+# A patch shorter than SHORTEST_PATCH times its thickness is rejected, and below SHORT_PATCH times
+# a note is given: the patch's ends do not follow the beam's strain.
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
 # Tolerance (share) of the thickness of a layer that is sold in one thickness only.
 PACKAGE = 0.1
-# Limits of plausible measured values: the frequency is at least this share of the frequency with a
-# rigid clamp, and the capacitance at most this multiple of the drawing's, or its inverse.
+# Limits of plausible measured values: the frequency is at least SOFTEST_CLAMP of the frequency with
+# a rigid clamp; the ratio of the capacitances, measured and drawn, is at most OTHER_PERMITTIVITY,
+# and at least its inverse.
 SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
 # Share of the beam's length by which its tip may sag under its weight.
@@ -338,7 +339,7 @@ def layer_capacitance(beam: Beam) -> float:
 
 @functools.lru_cache(maxsize=256)
 def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
-    """The first mode at the tip, the others static.
+    """Lumped values of the first mode at the tip; higher modes count statically.
 
     Raises SceneError if the beam is not a slender cantilever, or cannot have the measured values.
     """
@@ -429,8 +430,8 @@ def notes(beam: Beam) -> list[str]:
         )
     if beam.width > WIDE * beam.length:
         remarks.append(
-            f"width/length = {beam.width / beam.length:.2g} > {WIDE}: towards a plate, whose "
-            "stiffness is up to 1/(1 − ν²), some 10 %, greater"
+            f"width/length = {beam.width / beam.length:.2g} > {WIDE}: the beam resembles a plate, "
+            "whose stiffness is greater by up to 1/(1 − ν²), some 10 %"
         )
     begin, end = beam.patch
     if end - begin < SHORT_PATCH * beam.piezo_thickness:
@@ -476,23 +477,25 @@ def _check(beam, origin):
     if end - begin < SHORTEST_PATCH * beam.piezo_thickness:
         raise SceneError(
             f"{origin}: beam.piezo_length = {end - begin:g}: must be at least {SHORTEST_PATCH:g} "
-            "of the patch's thicknesses"
+            "times piezo_thickness"
         )
     sold = ACTIVE[beam.piezo].thickness
     if sold is not None and abs(beam.piezo_thickness / sold - 1.0) > PACKAGE:
         raise SceneError(
             f"{origin}: beam.piezo_thickness = {beam.piezo_thickness:g}: {beam.piezo} is sold "
-            f"{sold:g} m thick; its values hold for this thickness"
+            f"{sold:g} m thick; set this thickness, for which its values are valid"
         )
     keys = [name for name in FATIGUE if getattr(beam, name) is not None]
     if 0 < len(keys) < len(FATIGUE):
         missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in keys)
         raise SceneError(
-            f"{origin}: beam.{keys[0]} is one of three values of a line; also give {missing}"
+            f"{origin}: beam.{keys[0]} is one of three values of Basquin's line: also give "
+            f"{missing}"
         )
     if beam.active[3] <= 0.0:
         raise SceneError(
-            f"{origin}: beam: d31² c11 is greater than the free permittivity; check piezo_d31"
+            f"{origin}: beam: d31² times the modulus exceeds the free permittivity: check "
+            "piezo_d31, piezo_modulus and piezo_free_permittivity"
         )
     sizes = ("tip_length", "tip_height", "tip_width")
     keys = [name for name in sizes if getattr(beam, name) is not None]
@@ -511,4 +514,6 @@ def _check(beam, origin):
             f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
         )
     if beam.tip_mass or beam.tip_inertia:
-        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material exclude each other")
+        raise SceneError(
+            f"{origin}: beam.tip_mass and beam.tip_material exclude each other: keep one"
+        )

@@ -164,8 +164,8 @@ def _force_of_charges(magnets, slope, offset, origin):
     domain, before = [-magnets.reach, magnets.reach], None
     if apart and _collide(magnets, slope, offset):
         raise SceneError(
-            f"{origin}: magnets.reach = {magnets.reach:g}: within it the tip's magnet hits one "
-            "on the frame: lower it"
+            f"{origin}: magnets.reach = {magnets.reach:g}: within this displacement the tip's "
+            "magnet hits a magnet on the frame: lower magnets.reach"
         )
     for order in ORDERS if apart else ():
         arguments = magnets, slope, offset, origin, order
@@ -215,7 +215,7 @@ def _pulls(x, magnets, slope, offset, origin, order):
 
 
 def _charges(size, moment, order):
-    """Points (m) on a magnet's two end faces about its centre, and their charges (A m)."""
+    """Points (m) on a magnet's two end faces relative to its centre, and their charges (A m)."""
     node, weight = np.polynomial.legendre.leggauss(order if len(size) == 2 else 3 * order // 4 * 2)
     if len(size) == 2:
         angle = math.pi / order * (np.arange(2 * order) + 0.5)

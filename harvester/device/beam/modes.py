@@ -14,9 +14,9 @@ import numpy as np
 
 # Gauss quadrature points per piece; the first modes have at most a few waves per piece.
 GAUSS_POINTS = 24
-# Growth of λ ∝ √ω in the search for roots: below λ = 1 by this factor, above by this step.
+# The search for roots raises the eigenvalue λ ∝ √ω: by FACTOR below λ = 1, by STEP above.
 FACTOR, STEP = 1.1, 0.1
-# Start of the search; a tip of 1e6 times the beam's mass has λ = 0.04.
+# Smallest λ of the search; a tip of 1e6 times the beam's mass has λ = 0.04.
 SMALLEST_LAMBDA = 1e-3
 
 
@@ -47,9 +47,10 @@ class Mode(NamedTuple):
     tip, tip_slope
         φ(L), φ'(L).
     forcing
-        γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
+        Response γ = ∫ m φ + M_t φ(L) + M_t o φ'(L) to the base's acceleration; M_t: tip mass, o:
+        its offset.
     coupling
-        χ = ∫ ϑ φ'' (N m/V by the mode's slope).
+        χ = ∫ ϑ φ'', with the moment per volt ϑ of a piece (N m/V).
     curvatures
         φ'' at the beginning and the end of each piece.
     """
@@ -100,7 +101,7 @@ def modes(
 def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float) -> float:
     """The rotation per moment of the clamp with which the first mode has this frequency.
 
-    Negative if the frequency is above that of a rigid clamp.
+    Negative if the frequency is above the frequency with a rigid clamp.
     """
     square = _square_root_scale(pieces)
     value = math.sqrt(angular_frequency / square)
@@ -115,8 +116,8 @@ def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float
 def rest(pieces: Sequence[Piece], tip: Tip) -> ResidualModes:
     """Static sums over all modes: ∫ ϑ²/EI, and ∫ ϑ G/EI.
 
-    G is the bending moment of a unit acceleration. The clamp's compliance does not enter, as the
-    beam is statically determinate.
+    ϑ is the moment per volt, EI the rigidity, G the bending moment of a unit acceleration. The
+    clamp's compliance has no effect, as the beam is statically determinate.
     """
     capacitance = charge = 0.0
     moment, shear = tip.mass * tip.offset, tip.mass
@@ -173,7 +174,7 @@ def _transfer(x, rigidity, wave):
 
 
 def _waves(value, pieces):
-    """The ω (rad/s) for a value of λ, and the wave number (1/m) of each piece."""
+    """Angular frequency (rad/s) for a value of λ, and the wave number (1/m) of each piece."""
     frequency = value**2 * _square_root_scale(pieces)
     return frequency, [(piece.mass * frequency**2 / piece.rigidity) ** 0.25 for piece in pieces]
 

@@ -41,7 +41,7 @@ def strain_of_layers(beam: Beam) -> FibreStrain:
     """Strain of the active layers' outer fibre, where the first mode's strain is largest."""
     height = beam.thickness / 2.0 + beam.piezo_thickness
     modulus, _, d31, _ = beam.active
-    # |e31| times the field in a layer per volt at the terminals.
+    # Share of the terminal voltage across one layer.
     share = 0.5 if beam.layers == 2 and beam.connection == "series" else 1.0
     stress = abs(d31) * modulus * share / (beam.electrode_spacing or beam.piezo_thickness)
     return _most_strained(beam, (height,), modulus, stress, (True,))

@@ -64,9 +64,9 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     if beam.tip_material and beam.tip_offset == 0.0:
         flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
         lines.append(
-            "tip_offset = 0: the block's middle lies over the beam's end; flush with the end, by "
-            f"tip_offset = {flush.tip_offset:g}, the beam has {lumped(flush).short_frequency:.4g} "
-            "Hz with a rigid clamp"
+            "tip_offset = 0: the block's middle is over the beam's end; if the block is flush with "
+            f"the end, set tip_offset = {flush.tip_offset:g}: the frequency is then "
+            f"{lumped(flush).short_frequency:.4g} Hz with a rigid clamp"
         )
     for name, materials in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         lines.append(f"{name}: {materials[name].source}")
@@ -128,5 +128,5 @@ def _draw_side(axes: Any, beam: Beam) -> None:
     axes.axvline(0.0, color="black", linewidth=3.0)
     axes.set(xlim=(-0.03 * length, 1.15 * length), ylim=(-2.0 * reach, 4.0 * reach))
     axes.set(xlabel="from the clamp [mm]", ylabel="[mm], stretched", title="side view")
-    # Above the drawing, which fills its axes.
+    # The legend is above the drawing, which fills its axes.
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)

@@ -63,7 +63,7 @@ def run_realizations(
     observers: list[list[Observer]],
     outputs: Any = None,
 ) -> dict[str, str | None]:
-    """Integrate realizations side by side; see `harvester.engines.methods.Engine`.
+    """Integrate realizations in lockstep; see `harvester.engines.methods.Engine`.
 
     `outputs` is not used: a resistor has no output side.
     """
@@ -114,7 +114,7 @@ def integrate(
     moments: Sequence[Moments] = (),
     keep: int | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Integrate Eq. 4 along several noise paths, side by side.
+    """Integrate Eq. 4 along several noise paths in lockstep.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def integrate(
     stop : float
         End time (s), rounded up to a whole number of knots.
     steps_per_sample, steps_per_contact : int
-        Steps between two samples where no contact asks for more; fewest in a contact.
+        Steps between two samples away from contacts; fewest steps in a contact.
     scheme : str
         A name in `harvester.device.schemes.NAMED`.
     moments : sequence of Moments
@@ -136,10 +136,10 @@ def integrate(
     Yields
     ------
     ndarray, shape (keep, 9, ·)
-        A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
-        point; the next chunk overwrites it.
+        Accepted points in order, without the initial point: the columns of a `Record` for each
+        path. The next chunk overwrites this array.
     ndarray of int64, shape (len(paths),)
-        Number of points of each.
+        Number of points of each path.
 
     Raises
     ------

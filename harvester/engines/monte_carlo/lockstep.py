@@ -44,7 +44,7 @@ STATE_ROWS = 14
     SLOPE, PHASE, LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# The rows after those belong to the end of the step: the motion, the contacts' force and damping
+# The next rows belong to the end of the step: the motion, the contacts' force and damping
 # (1/s), the excitation, and whether the step is rejected.
 ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER
@@ -59,7 +59,7 @@ class BatchWorkspace(NamedTuple):
     Attributes
     ----------
     states, apart
-        All realizations, and copies of those stepped apart; shape (blocks of eight,
+        All realizations, and copies of realizations stepped apart; shape (blocks of eight,
         ROWS · 8).
     which
         Index of the realization in each slot of `apart`.
@@ -80,7 +80,7 @@ class BatchWorkspace(NamedTuple):
     def of(
         cls, s: System, starts: Sequence[tuple[float, float, float]], keep: int, points: int
     ) -> BatchWorkspace:
-        """Realizations at their starts, with memory for points of the first `keep`: at least 2.
+        """Set up realizations, the first `keep` with memory for `points` points (at least 2).
 
         A start is (X, X', transducer's state).
         """
@@ -133,7 +133,7 @@ def advance(
     steps_per_sample, steps_per_contact : int
         Steps between two samples, and fewest from the beginning of a contact to its end.
     tally : Tally
-        Sums of the moments, added to.
+        Sums for the moments, updated in place.
     place : ndarray of int, changed
         The segment between knots, the step in it, how many realizations are stepped apart in it,
         and the batch under way.
@@ -144,8 +144,8 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_sample
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # A loop over a constant number would be unrolled slot by slot. One realization alone takes as
-    # long as eight, or less.
+    # A loop over a constant number would be unrolled instead of vectorized. A single realization
+    # needs one lane.
     lanes = noise.shape[2] if room.points.size > 1 else 1
     fullest, full = 0, room.columns.shape[2] - 1 if room.columns.shape[0] > 0 else MOST_POINTS
     while segment < noise.shape[0] - 1 and fullest < full:
@@ -265,7 +265,7 @@ def _gather(s, start, end, steps_per_contact, room):
 
 @merged
 def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, room, tally):
-    """Accept the steps tried in `_try`, but shorten those that leave their zone, to be tried again.
+    """Accept the steps tried in `_try`, but shorten and repeat steps that leave their zone.
 
     Returns the number of realizations before the end of the grid's step, and the largest number of
     points of any of them.
@@ -410,7 +410,7 @@ def _correct(s, cells, i, length, measured, rows, k):
 
 @merged
 def _keep(room, rows, realization):
-    """Count a realization's latest point, and keep it if asked to; returns the number kept."""
+    """Count a realization's latest point, and store it if it is to be kept; return the count."""
     k, point = realization % TOGETHER, room.points[realization]
     room.points[realization] = point + 1
     if realization >= room.columns.shape[0]:
@@ -422,7 +422,7 @@ def _keep(room, rows, realization):
 
 @merged
 def _arrive(s, time, batch, lanes, room, tally):
-    """Move all realizations to the step's end; returns the largest number of points of one."""
+    """Move all realizations to the step's end; return the largest number of points of any."""
     measured, fullest, count = batch >= 0, 0, room.points.size
     for block in range(room.states.shape[0]):
         cells, rows = room.states[block], tally.rows[block]

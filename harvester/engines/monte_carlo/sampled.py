@@ -36,9 +36,9 @@ def states_at_samples(
     eta : ndarray, shape (every (n − 1) + 1,)
         The excitation at its knots, linear between them.
     spacing : float
-        Between knots (s).
+        Time between knots (s).
     every : int
-        Knots from sample to sample.
+        Number of knots per sample.
     edges : ndarray of int, shape (windows + 1,)
         Samples at which windows begin, ascending, followed by the end of the last window.
     starts : ndarray, shape (windows, 3)
@@ -120,7 +120,7 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
 def _contact_piece(
     scheme, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps_per_contact
 ):
-    """A step within a zone, or up to its edge, `low` or `high`.
+    """Take a step within a zone, or up to the zone's edge `low` or `high`.
 
     Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
     new state.

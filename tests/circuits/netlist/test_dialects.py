@@ -160,7 +160,7 @@ def test_every_row_of_the_table_is_tested():
 @pytest.mark.parametrize(
     ("body", "noted"),
     [
-        ("R9 p n 1k Rser=0\nB1 p n i=1u*v(h)^2", "ltspice, whose 'rser='"),
+        ("R9 p n 1k Rser=0\nB1 p n i=1u*v(h)^2", "ltspice, whose 'rser=' is in this file"),
         ("R9 p n {if(1,2k,3k)}\nB1 p n i={1u*pow(v(m),3)}", "ltspice, whose 'if('"),
         ("S1 p n h ref sm\n.model sm vswitch(von=1)\nB1 p n i=1u*u(v(z))", "pspice, whose"),
         # What both mean alike, and what no other dialect's word stands beside.

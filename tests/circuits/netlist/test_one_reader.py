@@ -215,7 +215,7 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
     [
         ("C1 out ref 1F", "in SPICE F after a number is femto and M is milli"),
         ("R1 out ref 100M", "in SPICE F after a number is femto and M is milli"),
-        ("C1 out ref 1u", "no measure is an output: its power is 0"),
+        ("C1 out ref 1u", "no measure is an output: the output power is 0"),
         (
             "R1 out ref 1k\nS1 p n out ref sm\n.model sm sw(vt=1 vh=-1)",
             "is read as a smooth switch",

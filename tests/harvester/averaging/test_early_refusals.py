@@ -14,7 +14,7 @@ from harvester.scene.prepared import prepared
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["piezo.coupling=100"], "half widths of its density, and fokker_planck takes 2"),
+        (["piezo.coupling=100"], "half widths of its density, and the limit of fokker_planck is 2"),
         (["load.decay_rate=1e-4"], "jumps between the wells are as slow"),
         (["excitation.correlation_time=100"], "mean square voltage is negative"),
         (["excitation.correlation_time=50", "excitation.intensity=0.05"], "is negative"),

@@ -67,7 +67,7 @@ def test_realizations_are_added_until_the_error_bar_is_the_one_asked_for(runner)
     exact = interpolated_linear_means(flat(LINEAR), knot_spacing(prepared(LINEAR)))
     error = abs(voltage.estimate - exact["mean_square_voltage"])
     assert error < 4.0 * voltage.standard_error
-    assert not any("asked for" in note for note in answer.notes)
+    assert not any("above the requested" in note for note in answer.notes)
 
 
 def test_a_sharper_request_goes_on_where_the_other_ended(tmp_path, pool):
@@ -99,7 +99,7 @@ def test_the_quantity_asked_for_decides(runner):
 def test_what_may_not_be_long_enough_says_so(runner):
     (answer,) = runner.answer([Request(LINEAR, "monte-carlo", precision=0.001, most=16)])
     assert answer.realizations == 16
-    assert any("not the 0.1% asked for" in note for note in answer.notes)
+    assert any("above the requested 0.1%" in note for note in answer.notes)
 
 
 def test_one_unseen_jump_weighs_what_its_charge_leaves_on_the_piezo(runner):

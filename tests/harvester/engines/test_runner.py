@@ -115,7 +115,7 @@ def test_a_task_whose_process_dies_is_tried_again_and_then_told(tmp_path, pool):
         found = runner.run([once, never])
         assert found[0] == "alive"
         assert isinstance(found[1], SimulatorCrashed)
-        assert "computes them again" in runner.warnings[-1]
+        assert "to compute them again" in runner.warnings[-1]
     assert len(list((tmp_path / "study" / "points").iterdir())) == 1
 
 

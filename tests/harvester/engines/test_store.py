@@ -100,7 +100,7 @@ def test_every_kind_of_plain_answer_comes_back_as_it_was():
 
 def test_an_answer_under_another_name_is_none():
     """Of the same form, as a file that was copied: only its key tells."""
-    with pytest.raises(NotAnAnswer, match="of another key"):
+    with pytest.raises(NotAnAnswer, match="belongs to another task"):
         unpacked(packed("key", 1.0), "other")
 
 
@@ -258,7 +258,7 @@ def test_what_is_no_file_is_left_there_and_the_answer_not_kept(task, answer, tmp
     assert store.get(task) is MISSING
     store.put(task, answer)
     assert store.get(task) is answer
-    assert "not kept" in store.refused[task.key]
+    assert "was not stored" in store.refused[task.key]
     assert os.lstat(path).st_mode == kind
     assert somebodys.read_bytes() == before
 
@@ -298,7 +298,7 @@ def test_an_answer_too_large_is_not_kept_and_that_is_said(tmp_path):
     store, task = AnswerStore(tmp_path), Task(fail, {})
     store.put(task, np.zeros(MOST_BYTES // 8))
     assert store.get(task) is not MISSING
-    assert "not kept" in store.refused[task.key]
+    assert "was not stored" in store.refused[task.key]
 
 
 def test_a_closure_that_refuses_says_so():

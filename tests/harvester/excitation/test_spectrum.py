@@ -197,7 +197,7 @@ def test_knots_are_as_close_as_the_slower_of_device_and_spectrum_asks(fastest, s
     # Of a flat spectrum the knots have 1/sinc⁴, on average, at four knots a period.
     flat = Spectrum(((1e-3, 1.0), (500.0, 1.0)), "(m/s^2)^2/Hz")
     square = quad(lambda x: (math.pi * x / math.sin(math.pi * x)) ** 4, 1e-9, 0.25)[0] / 0.25
-    (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "more rms" in line]
+    (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "rms of the knots" in line]
     assert f"{math.sqrt(square) - 1.0:.1%}" in line
 
 
@@ -220,7 +220,7 @@ def test_the_density_inside_a_narrow_band_is_right(points):
 
 def test_what_a_filter_at_its_longest_loses_is_noted():
     lines = Spectrum(((40.2, 1.0), (40.25, 1.0)), "(m/s^2)^2/Hz").notes(6e-4, 253.0, None)
-    (line,) = [line for line in lines if "lost at edges" in line]
+    (line,) = [line for line in lines if "at edges and peaks" in line]
     # Two edges of a band of 0.05 Hz, each blurred over 0.0031 Hz.
     assert "resolves 0.0032 Hz" in line
     assert "2.4%" in line

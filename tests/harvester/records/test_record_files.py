@@ -230,7 +230,7 @@ def test_start_leaves_out_what_is_before(tmp_path):
         given = {"unit": "m/s^2", "start": 0.4, "detrend": "none", **keys}
         found = RecordedMotion(file=str(shifted), **given)
         np.testing.assert_allclose(found.samples, MOTION[100:], atol=1e-6)
-    refused(shifted, "the record ends before, at 1.99", unit="m/s^2", start=9.0)
+    refused(shifted, "the record ends earlier: start before 1.99", unit="m/s^2", start=9.0)
 
 
 def test_stamps_in_whole_seconds_agree_with_a_rate(tmp_path):

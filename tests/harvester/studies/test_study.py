@@ -333,7 +333,7 @@ def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
     options = {"method": "monte-carlo", "output": tmp_path, "workers": 1}
     first = load_study(short, loads=["resistor"], time_limit=1e-3, **options)
     assert first.evaluations[0].outcome.startswith("SimulatorTimeout")
-    assert "the same command computes them again" in first.warnings[-1]
+    assert "run the same command to compute them again" in first.warnings[-1]
     last = load_study(short, loads=["resistor"], **options)
     assert last.evaluations[0].outcome.startswith("complete")
     assert (last.computed, last.reused, last.warnings) == (1, 0, ())
@@ -345,7 +345,7 @@ def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path
     one, two = (tmp_path / "points").iterdir()
     two.write_bytes(one.read_bytes())
     last = load_study(linear, loads=["resistor"], over={RESISTANCE: [1.0, 2.0]}, **options)
-    assert last.warnings == (f"{two}: is the answer of another key: computed again",)
+    assert last.warnings == (f"{two}: belongs to another task: computed again",)
     assert [e.power for e in last.evaluations] == [e.power for e in first.evaluations]
     assert (last.computed, last.reused) == (1, 1)
 

@@ -227,10 +227,10 @@ CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
         ({**CLOSE, "tip_size": [10, 3]}, r"tip_size\[0\] = 10: .*10 mm is 0.01$"),
         ({**CLOSE, "distance": 2.9e-3}, "magnets overlap"),
         ({**CLOSE, "distance": 3.5e-3, "reach": 1e-3}, "come too close"),
-        ({**CLOSE, "distance": 3.5e-3}, "hits one on the frame"),
+        ({**CLOSE, "distance": 3.5e-3}, "hits a magnet on the frame"),
         (
             {**CLOSE, "arrangement": "attracting", "distance": 2e-3, "spacing": 0.02},
-            "hits one on the frame: lower it",
+            "hits a magnet on the frame: lower magnets.reach",
         ),
         ({"tip_moment": None, "tip_volume": 1e-7}, "needs magnets.remanence"),
     ],
