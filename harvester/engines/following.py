@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError, SimulationError, SolutionDiverged
-from harvester.engines.methods import Engine, engine_of
+from harvester.engines.methods import Engine, MonteCarlo, engine_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import Prepared, prepared
@@ -121,10 +121,12 @@ def follow(
     spacing = knot_spacing(prepared_scene)
     samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)
     chosen.prepare(prepared_scene)
+    corrected = isinstance(chosen, MonteCarlo) and prepared_scene.scene.load.is_resistor
 
     def sampled(some, number):
         """Samples of some initial states; infinite if a state leaves the range or diverges."""
-        watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
+        times = (periods - kept) * period, period, kept + 1
+        watching = [Stroboscope(*times, corrected) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
         observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
         observers[-1].append(_Reached(report, number, len(parts), periods * period))

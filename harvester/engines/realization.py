@@ -368,7 +368,9 @@ def _run(
             outputs[0] = _WatchedOutput(outputs[0], first)
     sampled = (scene.run.settle, knot_spacing(prepared_scene))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
-    strobes = [Stroboscope(*strobe_times(prepared_scene)) if stroboscope else None for _ in indices]
+    corrected = isinstance(engine, MonteCarlo) and scene.load.is_resistor
+    times = (*strobe_times(prepared_scene), corrected)
+    strobes = [Stroboscope(*times) if stroboscope else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [observer for observer in others if observer is not None]
     strained = [StrainWatch(m, scene.beam.fatigue_line) for m in moments] if scene.beam else []

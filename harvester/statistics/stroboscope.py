@@ -25,16 +25,17 @@ class Stroboscope:
 
     Samples are interpolated linearly between the record's points. Engines have points at the
     excitation's knots, and a period is an integer number of knot spacings. `samples` has the shape
-    (count, len(COLUMNS)), scaled; NaN at times not reached yet.
+    (count, len(COLUMNS)), scaled; NaN at times not reached yet. `corrected`: whether the sums of
+    trapezoids are corrected at contacts, as in the means of Monte Carlo with a resistor.
     """
 
-    def __init__(self, first: float, period: float, count: int) -> None:
+    def __init__(self, first: float, period: float, count: int, corrected: bool = False) -> None:
         # Round-off may put a record's last time before its end. All times are reduced by the same
         # amount, since a shift that grows with time would look like a transient.
         times = first + period * np.arange(count)
         self.times = times - 5e-10 * times[-1:]
         self.samples = np.full((count, len(COLUMNS)), np.nan)
-        self._next = 0
+        self._next, self._corrected = 0, corrected
         self._last: np.ndarray | None = None
 
     def add(self, record: Record) -> None:
@@ -57,7 +58,8 @@ class Stroboscope:
         points[0] = start[: 1 + len(COLUMNS)]
         rates = np.concatenate([start[-3:, None], rates], axis=1)
         steps = 0.5 * np.diff(points[:, 0]) * (rates[:, 1:] + rates[:, :-1])
-        steps[:, :-1] += _corrections(points[:, 0], rates)
+        if self._corrected:
+            steps[:, :-1] += _corrections(points[:, 0], rates)
         points[1:, 4:] = points[0, 4:] + np.cumsum(steps, axis=1).T
         until = int(np.searchsorted(self.times, points[-1, 0], side="right"))
         times = self.times[self._next : until]
@@ -76,7 +78,7 @@ def _corrections(time, rates):
     Maclaurin). This sums to 0 over a cycle except where h changes, as at contacts: without it
     powers of a device with stoppers were 0.15 % too large. There is no slope at a jump.
     """
-    length = np.diff(time)
+    length = np.maximum(np.diff(time), np.finfo(np.float32).tiny)
     slope = np.diff(rates, axis=1) / length
     before, after = slope[:, :-1], slope[:, 1:]
     mean = (before * length[1:] + after * length[:-1]) / (length[1:] + length[:-1])
