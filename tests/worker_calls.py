@@ -27,6 +27,10 @@ def wait(report, seconds):
     report("waited")
 
 
+def wait_silently(report, seconds):
+    time.sleep(seconds)
+
+
 def compile_slowly(report, seconds):
     """A compilation within another one, which takes this long."""
     numba_cache.on_compilation(1)

@@ -97,7 +97,7 @@ def test_what_runs_beyond_the_time_budget_is_ended(monkeypatch):
     clock = itertools.count()
     fake = SimpleNamespace(monotonic=lambda: float(next(clock)))
     monkeypatch.setattr("harvester.engines.runner.time", fake)
-    waits = Task(worker_calls.wait, {"seconds": 60.0})
+    waits = Task(worker_calls.wait_silently, {"seconds": 60.0})
     with WorkerPool(workers=1, folders=[TESTS]) as one:
         process = one._workers[0]
         runner = Runner(one, deadline=3.0)
