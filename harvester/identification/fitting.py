@@ -300,12 +300,13 @@ def fitted(
         if times and not warm:
             # The first model, whose mass may be wrong, may have preferred another interpolation.
             starts = [(path, start) for path in _interpolations(times) for _, start in starts]
-    for _ in range(1 + WEIGHTINGS * bool(lines)):
+    for weighting in range(1 + WEIGHTINGS * bool(lines)):
         fits = []
         for interpolation, start in starts:
             responses.interpolation = interpolation
             fit = shooting.minimized(start, LAST, FINE)
-            fits += [(interpolation, fit)] * bool(fit.grams)
+            # Without noise in the records, a repeated fit may not improve: the last one is kept.
+            fits += [(interpolation, fit if fit.grams else start)] * bool(fit.grams or weighting)
         if not fits:
             raise IdentificationError(
                 f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
