@@ -20,7 +20,7 @@ SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizatio
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
 
 # Others of the same kinds are exhaustive.
-BRIEF = ("asymmetric", "cantilever", "device", "duffing", "linear", "paper")
+BRIEF = ("cantilever", "device", "duffing", "linear", "paper")
 EACH = [
     pytest.param(name, marks=() if name in BRIEF else pytest.mark.exhaustive)
     for name in Scene.names()
