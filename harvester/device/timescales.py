@@ -181,6 +181,20 @@ def angular_frequency(system: System) -> float:
     return max(well_frequency(system, well) for well in wells(system))
 
 
+def loaded_frequency(system: System) -> float:
+    """Angular frequency (rad/s) of small oscillations about the stiffest well, with the load.
+
+    Charge that decays at the rate λ adds ω²/(λ² + ω²) of the open transducer's stiffness. For a
+    netlist λ is 0.
+    """
+    well = max(wells(system), key=lambda well: well_frequency(system, well))
+    mechanical, decay = stiffness(system, well), system.transducer.decay_rate()
+    if mechanical <= 0.0 or not math.isfinite(decay):
+        return angular_frequency(system)
+    half = 0.5 * (mechanical + system.transducer.stiffness(mechanical) - decay**2)
+    return math.sqrt(half + math.sqrt(half**2 + mechanical * decay**2))
+
+
 def loss_rate(system: System, frequency: float) -> float:
     """c + N1 of Eq. 12: the rate at which damper and transducer dissipate energy (1/s)."""
     return system.damper.damping + system.transducer.loss_rate(frequency)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError, SimulationError, SolutionDiverged
-from harvester.engines.methods import Engine, MonteCarlo, engine_of
+from harvester.engines.methods import Engine, engine_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import Prepared, prepared
@@ -121,7 +121,7 @@ def follow(
     spacing = knot_spacing(prepared_scene)
     samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)
     chosen.prepare(prepared_scene)
-    corrected = isinstance(chosen, MonteCarlo) and prepared_scene.scene.load.is_resistor
+    corrected = chosen.in_lockstep(prepared_scene.scene)
 
     def sampled(some, number):
         """Samples of some initial states; infinite if a state leaves the range or diverges."""

@@ -62,6 +62,10 @@ class Engine(Method):
         """Whether the simulator chooses every step itself, so that the step error is unknown."""
         return False
 
+    def in_lockstep(self, scene: Scene) -> bool:
+        """Whether Monte Carlo's loop for a resistor integrates the scene's realizations."""
+        return False
+
     @abstractmethod
     def check(self, scene: Scene) -> None:
         """Raise if the engine does not support the scene, before anything runs."""
@@ -191,6 +195,10 @@ class MonteCarlo(Engine):
 
     scheme: str = "runge-kutta"
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
+
+    def in_lockstep(self, scene: Scene) -> bool:
+        """Whether the load is a resistor."""
+        return scene.load.is_resistor
 
     def check(self, scene: Scene) -> None:
         """Raise for what Monte Carlo does not support: prescribed motion, some load elements."""

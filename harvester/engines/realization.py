@@ -207,7 +207,7 @@ def run(
     """
     scene = prepared_scene.scene
     perturbations = _perturbations(prepared_scene, engine)
-    together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
+    together = engine.in_lockstep(scene)
     idle = perturbations if together else ()
     others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
@@ -368,8 +368,7 @@ def _run(
             outputs[0] = _WatchedOutput(outputs[0], first)
     sampled = (scene.run.settle, knot_spacing(prepared_scene))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
-    corrected = isinstance(engine, MonteCarlo) and scene.load.is_resistor
-    times = (*strobe_times(prepared_scene), corrected)
+    times = (*strobe_times(prepared_scene), engine.in_lockstep(scene))
     strobes = [Stroboscope(*times) if stroboscope else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [observer for observer in others if observer is not None]

@@ -45,7 +45,7 @@ def running(
 def useful_processes(prepared_scene: Prepared, engine: Engine) -> int:
     """Maximum number of processes that shorten a run; 1 for a short one by Monte Carlo."""
     count = prepared_scene.scene.run.realizations
-    if not isinstance(engine, MonteCarlo) or not prepared_scene.scene.load.is_resistor:
+    if not engine.in_lockstep(prepared_scene.scene):
         return count
     step = knot_spacing(prepared_scene) / steps_per_sample(prepared_scene, engine.step, engine.name)
     return math.ceil(min(count, count * stop_time(prepared_scene) / step / STEPS_OF_A_PROCESS))

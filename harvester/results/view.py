@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
+# End of the name of a column of standard errors.
+ERROR = " standard error"
 # Maximum length of a result's `repr`.
 LONGEST_REPR = 150
 # Maximum numbers of table rows and sentences in a notebook; `to_dataframe` has all rows.
@@ -184,7 +186,7 @@ class ResultBase(ABC):
         """The numbers of the table, or of the whole curve, by name and row."""
         view = self.view()
         header, rows = view.data() if view.is_series else view.table
-        names = [_name_and_unit(column)[0].partition(" ± ")[0] for column in header]
+        names, rows = _with_errors(header, rows)
         keys = view.keys or key_columns(rows, len(names))
         axes = ", ".join(names[:keys])
         numbers = Named(f"{type(self).__name__}, with rows by {axes}: no", {})
@@ -328,6 +330,22 @@ def _densities(methods):
     return header, [[method, *row] for method, table in tables.items() for row in table.rows]
 
 
+def _with_errors(header, rows):
+    """Names of columns and rows, in which a value and its standard error are one Estimate."""
+    columns = [_name_and_unit(column) for column in header]
+    names = [name.partition(" ± ")[0] for name, _ in columns]
+    values = [k for k, name in enumerate(names) if not name.endswith(ERROR)]
+    errors = {k: names.index(names[k] + ERROR) for k in values if names[k] + ERROR in names}
+
+    def joined(row, k):
+        if k not in errors:
+            return row[k]
+        error, unit = row[errors[k]], columns[k][1]
+        return Estimate(row[k], error if math.isfinite(error) else None, None, unit, unit=unit)
+
+    return [names[k] for k in values], [[joined(row, k) for k in values] for row in rows]
+
+
 def _number(cell):
     """The Estimate, the interval or the value of a cell; text is unchanged."""
     if not isinstance(cell, Printed):
@@ -360,9 +378,7 @@ def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
             pairs = [getattr(cell, "ends", None) for cell in cells]
             columns[f"{words}, {end}{suffix}"] = [pair and pair[k] for pair in pairs]
         if any(cell.error is not None for cell in printed):
-            columns[f"{words} standard error{suffix}"] = [
-                getattr(cell, "error", None) for cell in cells
-            ]
+            columns[f"{words}{ERROR}{suffix}"] = [getattr(cell, "error", None) for cell in cells]
         if any(cell.endswith(UNCERTAIN) for cell in printed):
             marks = [str(cell).endswith(UNCERTAIN) for cell in cells]
             columns[f"{words}{UNCERTAIN}"] = marks

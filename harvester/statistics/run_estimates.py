@@ -171,10 +171,9 @@ def run_estimates(
     longest = scene.run.duration / FEWEST_BATCHES if drifts else math.inf
     remembered = [s.memory for s in stores if s.memory <= longest or s.spread > SMALLEST_DRIFT]
     slow = memory + 0.5 * max(remembered, default=0.0)
-    estimates = estimate_all(balanced, system, error)
-    if drifts:  # A rectifier couples the voltage to the charge of its stores.
-        with_stores = estimate_all(balanced, system, error_over(slow))
-        estimates |= {name: with_stores[name] for name in ("mean_square_voltage", "rms_voltage")}
+    # On one path the voltage follows slow stores, to which a rectifier ties it.
+    followed = error_over(slow) if drifts else error
+    estimates = estimate_all(balanced, system, error, followed)
     estimates |= estimate_output(balanced, error_over(slow), error_over(slow, change=True))
     estimates |= device_storage(moments, balanced, system, error_over(memory, change=True))
     estimates |= estimate_strain(balanced, scene.excitation, error)

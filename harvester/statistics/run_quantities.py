@@ -37,12 +37,16 @@ MEANS = {
 
 
 def estimate_all(
-    moments: list[Moments], parameters: System, error_of: Callable = standard_error
+    moments: list[Moments],
+    parameters: System,
+    error_of: Callable = standard_error,
+    error_of_voltage: Callable | None = None,
 ) -> dict[str, Estimate]:
     """All quantities of a set of realizations, scaled; incomplete batches are ignored.
 
     `error_of`: function that returns the error of a mean from batches, see
-    `harvester.statistics.run_estimates.error_of`.
+    `harvester.statistics.run_estimates.error_of`; `error_of_voltage`: that of the mean-square
+    voltage, if it differs.
     """
     batches = complete_batches(moments)
     if batches is None:
@@ -53,8 +57,9 @@ def estimate_all(
         pair: sum(float(m.products[row]) for m in moments) / duration
         for pair, row in PRODUCTS.items()
     }
+    errors_of = {"mean_square_voltage": error_of_voltage or error_of}
     estimates = {
-        name: _mean(series, products, quantity, dimension, error_of)
+        name: _mean(series, products, quantity, dimension, errors_of.get(name, error_of))
         for name, (quantity, dimension) in MEANS.items()
     }
     estimates["rms_voltage"] = root(estimates["mean_square_voltage"])

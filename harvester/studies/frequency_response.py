@@ -363,7 +363,7 @@ def one_direction(
         processor time (s).
     """
     chosen = engine_of(engine, step=step, **settings or {})
-    prepared_scene, scene = prepared_scene, prepared_scene.scene
+    scene = prepared_scene.scene
     excitation: Any = scene.excitation
     path = excitation.path(knot_spacing(prepared_scene), prepared_scene.excitation_unit, None)
     windows = []

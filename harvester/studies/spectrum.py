@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -289,24 +288,14 @@ def profile(
 
 
 def _resonance(scene):
-    """Frequency and half-power width of a scene's device (Hz), with its resistor; or None.
-
-    The charge at the angular frequency ω adds ω²/(λ² + ω²) of the open transducer's stiffness, with
-    the decay rate λ of the charge, which is 0 for a netlist.
-    """
+    """Frequency and half-power width of a scene's device (Hz), with its load; None without one."""
     from harvester.device import timescales
     from harvester.scene.prepared import prepared
 
     if scene is None or scene.excitation.prescribes_displacement:
         return None
     system = prepared(scene).system
-    well = max(timescales.wells(system), key=partial(timescales.well_frequency, system))
-    bare, decay = timescales.stiffness(system, well), system.transducer.decay_rate()
-    if bare <= 0.0 or not math.isfinite(decay):
-        omega = timescales.angular_frequency(system)
-    else:
-        half = 0.5 * (bare + system.transducer.stiffness(bare) - decay**2)
-        omega = math.sqrt(half + math.sqrt(half**2 + bare * decay**2))
+    omega = timescales.loaded_frequency(system)
     return omega / (2.0 * math.pi), timescales.loss_rate(system, omega) / (2.0 * math.pi)
 
 

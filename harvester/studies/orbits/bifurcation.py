@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base import formatting as numbers
-from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, with_error
 from harvester.base.plain_text import json_text
@@ -182,7 +181,7 @@ class Bifurcation(ResultBase):
         header = ["direction", key_column(self.key, self.scene.units), "motion"]
         for name, dimension in QUANTITIES.items():
             words, unit = name.replace("_", " "), self.unit(dimension)
-            header += [f"{words} [{unit}]", f"error of the {words} [{unit}]"]
+            header += [f"{words} [{unit}]", f"{words} standard error [{unit}]"]
         header += [f"{end} of the section [{self.unit('displacement')}]" for end in ("low", "high")]
         rows = []
         for branch in self.branches:
@@ -197,17 +196,6 @@ class Bifurcation(ResultBase):
                     [branch.direction, float(value), branch.motion[k], *map(float, numbers)]
                 )
         return header, rows
-
-    def _numbers(self) -> Named:
-        """The records' numbers, each mean with its error as an estimate."""
-        numbers = super()._numbers()
-        for name, dimension in QUANTITIES.items():
-            errors = numbers.pop(f"error_of_the_{name}")
-            for place, value in numbers[name].items():
-                error = errors[place] if math.isfinite(errors[place]) else None
-                unit = self.unit(dimension)
-                numbers[name][place] = Estimate(value, error, None, dimension, unit=unit)
-        return numbers
 
     def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""

@@ -207,3 +207,25 @@ def test_wells_and_saddles_alternate_and_lie_where_no_force_is():
         np.testing.assert_allclose([system.elastic_force(s, x) for x in found], 0.0, atol=1e-8)
         assert all(timescales.stiffness(s, x) > 0.0 for x in wells)
         assert all(timescales.stiffness(s, x) < 0.0 for x in saddles)
+
+
+@pytest.mark.parametrize("resistance", [1e3, 3e4, 7e4, 1e7])
+def test_the_frequency_with_a_load_is_that_of_the_eigenvalues(resistance):
+    mass, rate, coupling, capacitance = 12e-3, 2.0 * np.pi * 48.0, 1.9e-3, 45e-9
+    scene = Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {"mass": mass, "frequency": 48.0, "quality_factor": 60.0},
+            "piezo": {"coupling": coupling, "capacitance": capacitance},
+            "load": {"resistance": resistance},
+            "excitation": {"kind": "white", "intensity": 1.0},
+            "run": {"duration": 1.0},
+        }
+    )
+    rows = [
+        [0.0, 1.0, 0.0],
+        [-(rate**2), -rate / 60.0, -coupling / mass],
+        [0.0, coupling / capacitance, -1.0 / (resistance * capacitance)],
+    ]
+    expected = np.linalg.eigvals(np.array(rows)).imag.max()
+    assert timescales.loaded_frequency(prepared(scene).system) == pytest.approx(expected, rel=5e-4)
