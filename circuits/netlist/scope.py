@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any
 
 from circuits.netlist.expression import (
@@ -79,9 +80,18 @@ class Scope:
         return float(result[1])
 
     def tree(self, text: str) -> Tree:
-        """An expression of the circuit's solution, with full names of nodes and sources."""
+        """An expression of the circuit's solution, with full names of nodes and sources.
+
+        Raises
+        ------
+        ExpressionError
+        """
         names = Names(self._of_circuit, self.function)
-        return replaced(resolved(parse(text.strip("{}")), names), self._with_full_names)
+        tree = replaced(resolved(parse(text.strip("{}")), names), self._with_full_names)
+        for leaf in leaves(tree):
+            if leaf[:2] == ("call", "pwl"):
+                _check_points(leaf[3:])
+        return tree
 
     def _of_circuit(self, name):
         """The tree of a name in an expression of voltages and currents."""
@@ -203,3 +213,13 @@ class Scope:
                 f"{key}={text[:40]}: {self.circuit.name} also has a parameter {min(hidden)}, whose "
                 "value ngspice would use here: rename one of them"
             )
+
+
+def _check_points(points):
+    """Raise for points of a pwl that ngspice refuses only when it runs."""
+    if any(not is_constant(point) for point in points):
+        raise ExpressionError("a point of pwl changes during the run: write constants")
+    abscissas = [point[1] for point in points[::2]]
+    if any(right <= left for left, right in pairwise(abscissas)):
+        listed = ", ".join(f"{abscissa:g}" for abscissa in abscissas[:8])
+        raise ExpressionError(f"pwl at {listed}: write its points in ascending order")

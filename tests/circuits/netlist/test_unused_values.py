@@ -53,6 +53,8 @@ def test_both_coefficients_of_temperature_count(tmp_path, letter, said):
         ("V1 a b 1\nE1 b c p n 2\nB1 a c v=time\nR1 p a 1k\nR2 c n 1k", "b1: it closes a loop"),
         ("E1 p p a n 2\nR1 a n 1k\nR2 p a 1k", "e1: it closes a loop"),
         ("R1 p n 1e300", "r1: 1e+300: must be at most 1e+30"),
+        ("B1 p n i=pwl(v(p),1,0,0,1)", "b1: pwl at 1, 0: write its points in ascending order"),
+        ("B1 p n i=pwl(v(p),v(n),0,1,1)", "b1: a point of pwl changes during the run"),
         ("R1 p n 80k 5", "r1: two values, 80k and 5: keep one"),
         ("C1 p n 1e20 ic=1e20", "c1: 5e+59 J: above 1e+09 J rounding hides"),
         ("C1 p n 1n ic=1e200", "c1: ic=1e+200: must be at most"),

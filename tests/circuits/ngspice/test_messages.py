@@ -89,16 +89,6 @@ def test_a_switch_that_undoes_what_turned_it_wants_a_hysteresis(run, tmp_path, h
             run(scene)
 
 
-@pytest.mark.exhaustive
-def test_an_exit_of_ngspice_is_told_in_one_line(run, tmp_path):
-    """Release 39 exits at a table that is none, 46 gets nowhere."""
-    scene = loaded(tmp_path, "Bnine p n i=pwl(v(p),1,0,0,1)")
-    with pytest.raises(
-        SimulationError, match=r"(?is)(pwl\(expr|it stalls).*load\.lib|load\.lib.*pwl\(expr"
-    ):
-        run(scene)
-
-
 @pytest.mark.parametrize(
     "line",
     [
