@@ -77,7 +77,8 @@ class Result(ResultBase):
     wall_seconds : float
         Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
-        Computing time of all realizations (s); `simulated_time` over it is the speed of one core.
+        Processor time of all realizations, or of averaging (s); `simulated_time` over it is the
+        speed of one core.
     simulated_time : float
         Simulated time of all realizations, including settling (s); 0 for averaging.
     steps : int

@@ -52,7 +52,7 @@ class Accuracy(ResultBase):
     closures : dict of str to dict
         `quantities` (scaled) and `seconds` of each valid closure.
     refused : dict of str to str
-        Reasons of invalid closures.
+        Reasons of invalid closures, and of a missing throughput.
     exact_paths : str
         Name of the reference solution for strong errors.
     horizon : float
@@ -183,7 +183,7 @@ class Accuracy(ResultBase):
             f"{answer.simulated_time / answer.realizations:g} s, fewer and shorter in a brief run",
             *[
                 "bias of a closure: ± covers its numerical and the reference's sampling error; its "
-                "time is that of `average`, with all densities"
+                "time is the engine_seconds of a second call of `average`, without compilation"
             ]
             * bool(self.closures),
             "a brief run without a rare event, such as a jump between the wells, has too small "
@@ -197,7 +197,7 @@ class Accuracy(ResultBase):
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
-        return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
+        return [*lines, *(f"{name}: refused: {why}" for name, why in self.refused.items())]
 
     def verdicts(self) -> list[str]:
         """Verdict on the bias at the circuit's default step, and the longest step below 1 %."""
