@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import shown
 from harvester.statistics.batch_means import (
     complete_batches,
     ratio_deviations,
@@ -56,8 +57,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     for run in (result, reference):
         if not getattr(run, "moments", ()):
             raise HarvesterError(
-                f"paired_difference: {run}: holds no batches on a path of noise, as averaging and "
-                "results of JSON do; give two results of simulate"
+                f"paired_difference: {shown(run)}: holds no batches on a path of noise, as orbits, "
+                "averaging and JSON do; give two results of simulate"
             )
     balances = [
         well_balance(run.scene, run.prepared_scene.system, run.moments)
