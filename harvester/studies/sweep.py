@@ -286,11 +286,11 @@ def _cell(method, answer, quantities):
         return Cell(method, OUT_OF_TIME)
     if isinstance(answer, HarvesterError):
         return Cell(method, told(answer))
-    outcome = answer.outcome
-    if outcome == COMPLETE:
-        outcome = "; ".join([COMPLETE, *answer.notes])
-    names = {*answer.quantities, *quantities}
+    outcome, names = answer.outcome, {*answer.quantities, *quantities}
     estimates = {name: mean for name, mean in answer.in_units().items() if name in names}
+    if outcome == COMPLETE:
+        missing = [f"{method} computes no {name}" for name in quantities if name not in estimates]
+        outcome = "; ".join([COMPLETE, *answer.notes, *missing])
     return Cell(method, outcome, estimates, answer.realizations, answer.orbits)
 
 
