@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,7 @@ class Attractor:
     share: float
     share_error: float | None
     quantities: dict[str, Estimate]
-    points: np.ndarray
+    points: np.ndarray = field(repr=False)
     lyapunov: Divergence | None = None
 
     def __post_init__(self) -> None:

@@ -103,8 +103,8 @@ class Orbit:
     rms_voltage: float
     rms_displacement: float
     errors: dict[str, float]
-    points: np.ndarray
-    units: dict[str, str] = field(default_factory=dict, metadata=LEFT_OUT)
+    points: np.ndarray = field(repr=False)
+    units: dict[str, str] = field(default_factory=dict, repr=False, metadata=LEFT_OUT)
 
     @property
     def quantities(self) -> Named:
