@@ -498,7 +498,7 @@ def closures(
     ]
     outcomes = {task.label: outcome for task, outcome in zip(tasks, runner.run(tasks), strict=True)}
     answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
-    refused = {name: str(outcomes[name] or OUT_OF_TIME) for name in outcomes.keys() - answers}
+    refused = {name: str(o or OUT_OF_TIME) for name, o in outcomes.items() if name not in answers}
     return answers, refused
 
 

@@ -22,6 +22,7 @@ from harvester.engines.opening import open_runner
 from harvester.engines.simulate import simulate
 from harvester.engines.task import Task
 from harvester.results import figures, palette
+from harvester.results.files import save
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import Estimate
@@ -483,3 +484,14 @@ def test_the_time_of_a_closure_is_the_processor_time_of_average():
     before = time.process_time()
     result = average(Scene.read("linear"), method="consistent")
     assert 0.0 < result.engine_seconds <= time.process_time() - before
+
+
+@pytest.mark.slow
+def test_a_run_too_short_for_error_bars_says_so_and_is_drawn(pool, tmp_path):
+    sets = ["run.realizations=1", "run.duration=2", "run.settle=0"]
+    one = [ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun")]
+    found = accuracy(Scene.read("paper", sets), methods=one, executor=pool)
+    text = " ".join(found.sentences())
+    assert "inf" not in text
+    assert "sampling error of the long run: too short for an error bar" in text
+    save(found, tmp_path / "errors.png")
