@@ -191,6 +191,23 @@ def test_plain_values_lead_back_to_the_result(result):
         again.figure("joint")
 
 
+def test_a_results_json_is_read_and_that_of_a_study_refused(result, tmp_path, pool):
+    harvester.save(result, tmp_path / "result.json")
+    assert Result.read(tmp_path / "result.json").quantities == result.quantities
+    study = harvester.sweep(
+        "linear", {"load.decay_rate": [0.1]}, methods=["spectral"], executor=pool
+    )
+    harvester.save(study, tmp_path / "study.json")
+    with pytest.raises(harvester.HarvesterError, match=r"study\.json: .*\.csv.* pickle$"):
+        Result.read(tmp_path / "study.json")
+    assert pickle.loads(pickle.dumps(study)).table() == study.table()
+    (tmp_path / "text.json").write_text("{")
+    with pytest.raises(harvester.HarvesterError, match=r"text\.json: not a JSON file; give one"):
+        Result.read(tmp_path / "text.json")
+    with pytest.raises(AttributeError, match=r"Result\.read reads"):
+        assert harvester.load
+
+
 def test_what_is_not_finite_comes_back_as_missing():
     scene = harvester.Scene.read("paper")
     bare = Estimate(math.nan, None, None, "power", "too short")
