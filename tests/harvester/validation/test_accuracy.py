@@ -495,3 +495,12 @@ def test_a_run_too_short_for_error_bars_says_so_and_is_drawn(pool, tmp_path):
     assert "inf" not in text
     assert "sampling error of the long run: too short for an error bar" in text
     save(found, tmp_path / "errors.png")
+
+
+@pytest.mark.slow
+def test_a_closure_of_another_package_has_a_style(steady):
+    other = {"theirs": steady.closures["consistent"]}
+    with style.context(figures.STYLE):
+        figure = draw(dataclasses.replace(steady, closures=other))
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "theirs" in texts
