@@ -47,6 +47,8 @@ def __getattr__(name: str) -> object:
     hint = nearest(name, __all__)
     if name in COMMANDS_ONLY:
         hint = f"; on the command line: harvester {name}"
+    if name in ("load", "read"):
+        hint += "; Result.read reads a result's JSON, Scene.read a scene"
     raise AttributeError(f"module 'harvester' has no attribute {name!r}{hint}")
 
 

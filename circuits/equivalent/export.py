@@ -25,6 +25,7 @@ from harvester.scene.steps import REJECTING_STEPS, knot_spacing, steps_per_sampl
 
 if TYPE_CHECKING:
     from circuits.equivalent.assembly import Netlist
+    from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
     from harvester.scene.prepared import Prepared
 
@@ -147,7 +148,7 @@ def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal
     )
     if scene.excitation.prescribes_displacement:
         return netlist, scales, None
-    _check_step(timescales.contact_time(system), netlist.step)
+    _check_step(system, netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
     _check_size(knots, netlist.stop, path.spacing)
     values = path.read(knots) / netlist.rate**2
@@ -164,11 +165,17 @@ def _check_size(knots, stop, spacing):
         )
 
 
-def _check_step(contact_time, step):
-    largest = contact_time / FEWEST_STEPS_PER_CONTACT
+def longest_in_contact(system: System) -> float:
+    """Longest step of a netlist with ngspice's own steps (s); inf without contacts."""
+    return timescales.contact_time(system) / FEWEST_STEPS_PER_CONTACT
+
+
+def _check_step(system, step):
+    largest = longest_in_contact(system)
     if step > largest:
+        contact = timescales.contact_time(system)
         raise NetlistError(
-            f"step {step:.3g} s does not resolve a contact of {contact_time:.3g} s at "
+            f"step {step:.3g} s does not resolve a contact of {contact:.3g} s at "
             "the rms speed, so ngspice would skip the contact: choose step = "
             f"{largest:.2g} or less"
         )

@@ -100,7 +100,7 @@ def average(
         method, tolerance = chosen.closure, chosen.tolerance
         fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")
-    clock = time.perf_counter()
+    clock, processor = time.perf_counter(), time.process_time()
     spectrum_fit, noise = None, prepared(scene)
     if fit:
         spectrum_fit, noise = _fitted(noise)
@@ -119,7 +119,6 @@ def average(
     if hasattr(averages.density, "tabulated_joint"):
         displacement, velocity, values = averages.density.tabulated_joint()
         joint = JointDensity(displacement, velocity, values, standard_error=None)
-    seconds = time.perf_counter() - clock
     return Result(
         scene=scene,
         engine=f"averaging {method}" + (" of fitted noise" if fit else ""),
@@ -127,8 +126,8 @@ def average(
         scales=scales,
         error_kind="numerical",
         energy_balance_residual=None,
-        wall_seconds=seconds,
-        engine_seconds=seconds,
+        wall_seconds=time.perf_counter() - clock,
+        engine_seconds=time.process_time() - processor,
         simulated_time=0.0,
         steps=0,
         step=None,

@@ -21,6 +21,8 @@ MOST_VALUES = 100_000
 FEWEST_POINTS = 3
 # Most names listed in a message, and most rows of a table.
 MOST_NAMED, FEW_ROWS = 60, 2
+# Numbers that differ by at most this share are the same key.
+ROUNDING = 1e-9
 # numpy's defaults for floating-point errors.
 USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
@@ -111,6 +113,8 @@ def check_known(function: str, options: Iterable[str], known: Collection[str]) -
 class Named(dict):
     """Values by name; an unknown name raises UnknownQuantity with a list of all names.
 
+    Numbers in keys match within rounding; a message names the nearest rows.
+
     `where`: beginning of the message, such as "paper: no density of". `address`: the expression
     that is indexed to get a value, if the names are rows of numbers.
     """
@@ -120,11 +124,28 @@ class Named(dict):
         self.where, self.address = where, address
 
     def __missing__(self, name: object) -> Any:
-        rows = [repr(key).strip("()") for key in self if not isinstance(key, str)]
+        distances = {key: _distance(key, name) for key in self if not isinstance(key, str)}
+        ordered = sorted(distances, key=lambda key: distances[key])
+        if ordered and distances[ordered[0]] <= ROUNDING:
+            return self[ordered[0]]
+        rows = [repr(key).strip("()") for key in ordered]
         if rows and self.address:
             some = " or ".join(f"{self.address}[{row}]" for row in rows[:FEW_ROWS])
             raise UnknownQuantity(f"{self.where} {named(name)}: write {some} ({len(rows)} rows)")
         raise unknown(self.where, name, self, UnknownQuantity)
+
+
+def _distance(key, name):
+    """Relative distance of two keys; texts and keys of different lengths have at least 1."""
+    ours, theirs = (value if isinstance(value, tuple) else (value,) for value in (key, name))
+    total = float(abs(len(ours) - len(theirs)))
+    # A shorter key lacks the first parts, such as the method.
+    for one, other in zip(reversed(ours), reversed(theirs), strict=False):
+        if is_real(one) and is_real(other) and one != other:
+            total += abs(one - other) / max(abs(one), abs(other))
+        else:
+            total += float(one != other)
+    return total
 
 
 def check_name(what: str, name: str, known: Collection[str]) -> str:
@@ -140,7 +161,7 @@ def key_and_values(
     """The key and the values of a grid over one key; raises HarvesterError."""
     if isinstance(over, Mapping) and len(over) == 1 and values is None:
         ((key, levels),) = over.items()
-        return key, real_numbers(levels, f"over[{key!r}]", "[0.1, 0.2]")
+        return key, real_numbers(levels, f"over[{shown(key)}]", "[0.1, 0.2]")
     if isinstance(over, str) and values is not None:
         return over, real_numbers(values, "values", "[0.1, 0.2]")
     raise HarvesterError(

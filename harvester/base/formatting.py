@@ -130,7 +130,9 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
     if not math.isfinite(share):
         return Printed(NOT_KNOWN)
     value = 100.0 * share
-    unknown = error is not None and not math.isfinite(error)
+    unknown = bool(getattr(estimate, "note", "")) or (
+        error is not None and not math.isfinite(error)
+    )
     text = f"{value:.2f}"
     if error is not None and not unknown:
         text = _value_and_error(value, 100.0 * error)

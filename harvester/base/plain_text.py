@@ -101,6 +101,8 @@ def shown(value: Any) -> str:
     ('a whole number of about 401 digits', "[1, 'a\\\\nb']")
     """
     text = " ".join(_SHORT.repr(value).split())
+    # Values in lists are shortened one by one.
+    text = text if len(text) <= 2 * LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"
     return text if text.isprintable() else ascii(text)
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
-from harvester.base.errors import SceneError
+from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named
 
 # Memory limit for one record: largest share of the machine's memory, and largest number of bytes.
 MEMORY_SHARE = 0.25
 LARGEST_MEMORY = 4 * 2**30
+# Largest size of a result's file (bytes).
+LARGEST_RESULT = 100_000_000
 
 _SORTS = (
     (stat.S_ISDIR, "a folder"),
@@ -52,6 +56,17 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     except MemoryError:
         raise SceneError(
             f"{where}: the {noun} does not fit into the free memory: free memory, or shorten it"
+        ) from None
+
+
+def read_json(file: Path | str) -> Any:
+    """The content of a JSON file of `harvester.save`; raises HarvesterError."""
+    try:
+        return json.loads(read_input(file, "result in JSON", LARGEST_RESULT))
+    except (ValueError, RecursionError):
+        raise HarvesterError(
+            f"{named(str(file))}: not a JSON file; give one that harvester.save, --json or "
+            "--output wrote"
         ) from None
 
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from importlib import resources
 from typing import Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import named
-from harvester.base.reading import read_input
+from harvester.base.reading import read_json
 from harvester.base.signatures import File
-
-# Largest size of a result file (bytes).
-LARGEST_RESULT = 100_000_000
 
 
 def cite(result: File | None = None, /) -> None:
@@ -30,7 +26,7 @@ def cite(result: File | None = None, /) -> None:
 
         harvester cite results/paper-validate.json
     """
-    for source in sources_of(_read(result), named(result)) if result else all_sources():
+    for source in sources_of(read_json(result), named(result)) if result else all_sources():
         print(f"{source['method']}:\n    {source['reference']}")
 
 
@@ -71,12 +67,3 @@ def _is_used(source, scene, engines):
         and scene.get("name") != source.get("not_scene", "")
         and any(part in engine for part in source.get("engines", [""]) for engine in engines)
     )
-
-
-def _read(file):
-    try:
-        return json.loads(read_input(file, "result of --json or --output", LARGEST_RESULT))
-    except (ValueError, RecursionError):
-        raise HarvesterError(
-            f"{named(file)}: not a JSON file; give a file that --json or --output wrote"
-        ) from None

@@ -317,7 +317,9 @@ def _attractor(
         share=starts / count,
         share_error=share_error(starts, count) if prepared_scene.scene.run.starts else None,
         quantities={
-            key: estimate.times(scales.of(estimate.dimension))
+            key: estimate.times(
+                scales.of(estimate.dimension), unit_of(prepared_scene.scene, estimate.dimension)
+            )
             for key, estimate in (scaled | (cycle or {})).items()
         },
         points=group.points[:, :2] * units,

@@ -105,6 +105,7 @@ def averages(
     tolerance: float | None,
     density: bool,
     report: Callable,
+    jump_rates: bool = False,
 ) -> dict[str, Any]:
     """Stationary means of a scene by a closure, in a worker process.
 
@@ -115,11 +116,13 @@ def averages(
 
     clock = time.process_time()
     if density:
-        result = average(prepared_scene.scene, method=closure, tolerance=tolerance)
+        method = Stationary(closure, tolerance, jump_rates=jump_rates)
+        result = average(prepared_scene.scene, method=method)
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        quantities, shape = estimates_of(averages_of(prepared_scene, closure, tolerance)), None
+        means = averages_of(prepared_scene, closure, tolerance, jump_rates)
+        quantities, shape = estimates_of(means), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -212,8 +215,8 @@ class Realizations:
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
     """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
-    for name in method.settings.keys() & {"fit", "jump_rates"}:
-        raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
+    if method.fit:
+        raise HarvesterError(f"{method}: fit is for harvester.average alone; leave it out")
     # A closure does not depend on [run]: scenes that differ only there share one task.
     run = dataclasses.replace(scene.run, seed=1, realizations=1)
     arguments = {
@@ -221,6 +224,7 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
         "closure": method.closure,
         "tolerance": method.tolerance,
         "density": density,
+        **({"jump_rates": True} if method.jump_rates else {}),
     }
     return Task(averages, arguments, label=method.closure, misfit=_misfit_of_averages)
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from harvester.averaging.method import Stationary
-from harvester.base.arguments import check_name
+from harvester.base.arguments import Named, check_name
 from harvester.base.errors import EnergyNotBalanced, HarvesterError
 from harvester.base.serialising import plain
 from harvester.engines.methods import method_of
@@ -85,6 +85,8 @@ class Request:
 
     def __post_init__(self, step, tolerance):
         method = method_of(self.method, step=step, tolerance=tolerance)
+        if isinstance(method, Stationary) and any(map(is_of_jumps, self.quantities)):
+            method = replace(method, jump_rates=True)
         object.__setattr__(self, "method", method)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
@@ -171,9 +173,10 @@ class Answer:
         """The prepared scene of the answer."""
         return prepared(self.scene)
 
-    def in_units(self) -> dict[str, Estimate]:
+    def in_units(self) -> Named:
         """The quantities and the roots of mean squares, in the scene's units."""
-        return with_roots(in_units(self.quantities, self.prepared_scene.scales))
+        means = with_roots(in_units(self.quantities, self.prepared_scene.scales))
+        return Named(f"{self.scene.name} by {self.method}: no quantity", means)
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -325,6 +328,11 @@ def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estim
     return {
         name: estimate.times(scales.of(estimate.dimension)) for name, estimate in quantities.items()
     }
+
+
+def is_of_jumps(quantity: str) -> bool:
+    """Whether a closure computes a quantity only with `jump_rates`."""
+    return quantity.startswith("jump_rate") or quantity == "slowest_decay_rate"
 
 
 def told(error: HarvesterError) -> str:

@@ -54,10 +54,12 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
     if isinstance(result, Scene) and ending == ".toml":
         write_text(directory, scene_text(result, key_comments(result), [result.name]))
         return [directory.name]
+    if isinstance(result, Scene):
+        raise HarvesterError(f"save: {named(str(directory))}: a scene's file ends in .toml")
     if not isinstance(result, ResultBase):
         raise HarvesterError(
             f"save: {shown(result)}: is not a result: pass the return value of simulate or of a "
-            "study; a scene is saved as a file that ends in .toml"
+            "study, or a scene"
         )
     if not name and (not directory.is_dir() or directory.name == ".."):
         if ending in (".json", *ENDINGS):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from harvester.base.arguments import Named
 from harvester.base.formatting import with_error
 from harvester.base.serialising import plain
 from harvester.statistics.attractors import Divergence
@@ -64,8 +65,11 @@ class Attractor:
     share: float
     share_error: float | None
     quantities: dict[str, Estimate]
-    points: np.ndarray
+    points: np.ndarray = field(repr=False)
     lyapunov: Divergence | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "quantities", means_of_motion(self.name, self.quantities))
 
     @property
     def kind(self) -> str:
@@ -97,6 +101,12 @@ class Attractor:
         parts = "" if self.lyapunov is None else f", largest Lyapunov exponent {self.lyapunov} 1/s"
         label = self.name if self.name in UNSTEADY else f"orbit {self.name} ({self.kind})"
         return f"{label}: {self.starts} start{plural}, {self.share:.1%}{error}{gives}{parts}"
+
+
+def means_of_motion(name: str, means: Mapping[str, Estimate]) -> Named:
+    """The means of a motion; an unknown name raises UnknownQuantity."""
+    why = "" if means else f" ({REASONS.get(name, 'not a steady motion')})"
+    return Named(f"motion {name}{why}: no", means)
 
 
 def share_error(part: int, count: int) -> float:

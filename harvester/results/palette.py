@@ -12,6 +12,8 @@ LINES = {
     "spectral": ("#332288", "-."),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
+# Those of a closure of another package.
+OTHER_LINE, OTHER_MARKER = ("0.3", "-."), "D"
 # Colour and marker of each group of methods in `harvester.validation.accuracy_methods`.
 _GROUPS = {
     "PWL in the netlist": ("#E69F00", "v"),

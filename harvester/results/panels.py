@@ -193,9 +193,10 @@ def _draw_panel(axes, panel):
         draw_series(axes, series)
     if panel.more:
         panel.more(axes)
-    if panel.log_x:
+    # A logarithmic axis without a positive value cannot be drawn.
+    if panel.log_x and any(map(_is_positive, (series.x for series in panel.series))):
         axes.set_xscale("log")
-    if panel.log_y:
+    if panel.log_y and any(map(_is_positive, (series.y for series in panel.series))):
         axes.set_yscale("log")
     thin_ticks(axes)
     if panel.from_zero:
@@ -203,6 +204,12 @@ def _draw_panel(axes, panel):
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     axes.set_title(panel.title)
+
+
+def _is_positive(values):
+    """Whether one of some values is finite and positive."""
+    numbers = np.asarray(values, float)
+    return bool((np.isfinite(numbers) & (numbers > 0.0)).any())
 
 
 def draw_series(axes: Axes, series: Series) -> None:

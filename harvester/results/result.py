@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +23,8 @@ from harvester.base.formatting import (
     with_error,
 )
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import shown
+from harvester.base.plain_text import named, shown
+from harvester.base.reading import read_json
 from harvester.base.serialising import LEFT_OUT, NotAValue, fields_of, values_of
 from harvester.base.symbols import definitions
 from harvester.base.tables import csv_text
@@ -77,7 +80,8 @@ class Result(ResultBase):
     wall_seconds : float
         Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
-        Computing time of all realizations (s); `simulated_time` over it is the speed of one core.
+        Processor time of all realizations, or of averaging (s); `simulated_time` over it is the
+        speed of one core.
     simulated_time : float
         Simulated time of all realizations, including settling (s); 0 for averaging.
     steps : int
@@ -206,6 +210,19 @@ class Result(ResultBase):
         return {**content, "scene": self.scene.to_dict()}
 
     @classmethod
+    def read(cls, path: str | Path) -> Result:
+        """Read a result of `simulate` or `average` from its JSON, without densities.
+
+        `path`: a file of `harvester.save` that ends in .json. Raises HarvesterError, also for the
+        JSON of a study; see `from_dict`.
+        """
+        content = read_json(path)
+        try:
+            return cls.from_dict(content, str(Path(path).parent))
+        except HarvesterError as error:
+            raise type(error)(f"{named(str(path))}: {error}") from None
+
+    @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
         """Build a result from the return value of `to_dict`.
 
@@ -218,6 +235,12 @@ class Result(ResultBase):
         SceneError
             A file of the scene is missing or has changed.
         """
+        if isinstance(content, Mapping) and content and "scaled_quantities" not in content:
+            raise HarvesterError(
+                f"not a result of simulate or average, but JSON with {', '.join(content)}: studies "
+                "are not read again; take its numbers with json.load, its table from the .csv of "
+                "harvester.save, or keep the study itself with pickle"
+            )
         try:
             return _result_of(cls, content, folder)
         except NotAValue as error:

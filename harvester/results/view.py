@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from harvester.base.arguments import Named
 from harvester.base.errors import UnknownQuantity
 from harvester.base.formatting import NOT_KNOWN, UNCERTAIN, Printed
@@ -349,7 +351,7 @@ def _with_errors(header, rows):
 def _number(cell):
     """The Estimate, the interval or the value of a cell; text is unchanged."""
     if not isinstance(cell, Printed):
-        return cell
+        return cell.item() if isinstance(cell, np.generic) else cell
     if cell.estimate or cell.error is not None:
         estimate: Any = cell.estimate or Estimate(cell.value, cell.error, None, cell.unit)
         return replace(estimate, unit=cell.unit)

@@ -39,6 +39,9 @@ _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 class Estimate:
     """A mean with its evidence, in scaled units or the units of `dimension`.
 
+    `float(estimate)` and `numpy.asarray(estimates, float)` are the values without errors, for
+    computing and drawing; `result.to_dataframe()` has columns of values and standard errors.
+
     Attributes
     ----------
     standard_error : None if the run is too short for it.
@@ -67,6 +70,10 @@ class Estimate:
     def __float__(self) -> float:
         return float(self.estimate)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The value alone, so that numpy and matplotlib take lists of estimates."""
+        return np.array(float(self), dtype)
+
     def __repr__(self) -> str:
         return with_error(self, self.unit)
 
@@ -82,18 +89,32 @@ class Estimate:
         """Multiply; the product has no unit, since the factor may convert it."""
         return self.times(factor) if is_real(factor) else self._no_result(factor)
 
+    def __add__(self, number: Any) -> Estimate:
+        """Add a number in the estimate's unit; the error is unchanged."""
+        if not is_real(number):
+            self._no_result(number)
+        return replace(self, estimate=self.estimate + number)
+
+    def __sub__(self, number: Any) -> Estimate:
+        return self + -number if is_real(number) else self._no_result(number)
+
+    def __rsub__(self, number: Any) -> Estimate:
+        return -self + number
+
+    def __neg__(self) -> Estimate:
+        return self.times(-1.0, self.unit)
+
     def __truediv__(self, divisor: Any) -> Estimate:
         return self * (1.0 / divisor) if is_real(divisor) else self._no_result(divisor)
 
     def __array_ufunc__(self, function: Any, method: str, *values: Any, **options: Any) -> Any:
-        """Support numpy numbers and arrays as left operands of a multiplication, reject other
-        functions.
-        """
-        if function is not np.multiply or method != "__call__" or values[0] is self:
+        """Support numpy numbers and arrays as left operands of + - *, reject other functions."""
+        operators = {np.multiply: self.__mul__, np.add: self.__add__, np.subtract: self.__rsub__}
+        if function not in operators or method != "__call__" or values[0] is self:
             raise self._refused(f", numpy.{function.__name__}")
         if not np.ndim(values[0]):
-            return self * values[0]
-        return np.vectorize(self.__mul__, otypes=[object])(values[0])
+            return operators[function](values[0])
+        return np.vectorize(operators[function], otypes=[object])(values[0])
 
     def _no_result(self, *others: Any) -> Any:
         """Reject operations without an error bar, as estimates on the same noise are correlated."""
@@ -101,15 +122,15 @@ class Estimate:
 
     def _refused(self, operation: str) -> HarvesterError:
         return HarvesterError(
-            f"{self}{operation}: an Estimate can only be multiplied and divided by numbers; "
-            "compute "
-            "and compare with float(…), or with .estimate and .standard_error (errors on the same "
-            "noise are correlated: harvester.paired_difference compares two results)"
+            f"{self}{operation}: an Estimate combines with numbers alone, by + - * /; compute and "
+            "compare with float(…), numpy.asarray(list, float), or .estimate and .standard_error "
+            "(errors on the same noise are correlated: harvester.paired_difference compares two "
+            "results)"
         )
 
-    __rmul__ = __mul__
-    __add__ = __radd__ = __sub__ = __rsub__ = __rtruediv__ = __pow__ = __rpow__ = _no_result
-    __lt__ = __le__ = __gt__ = __ge__ = __neg__ = __pos__ = __abs__ = __getitem__ = _no_result
+    __rmul__, __radd__ = __mul__, __add__
+    __rtruediv__ = __pow__ = __rpow__ = _no_result
+    __lt__ = __le__ = __gt__ = __ge__ = __pos__ = __abs__ = __round__ = _no_result
 
     def times(self, factor: float, unit: str = "") -> Estimate:
         """The estimate in a unit that is smaller by this factor."""

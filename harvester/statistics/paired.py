@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import shown
 from harvester.statistics.batch_means import (
     complete_batches,
     ratio_deviations,
@@ -23,6 +24,7 @@ from harvester.statistics.well_balance import weighted, well_balance
 # Two paths visit the same wells if no batch's share of time differs by more than this. For jumps at
 # the same time the shares of two engines differ by less, for other jumps by most of a batch.
 SAME_WELLS = 0.01
+EQUAL_COUNTS = "no error bar: both count the same events, so that none tells how far they differ"
 EFFICIENCY = "power_conversion_efficiency"
 # Quantities that are ratios of sums over batches, for which `deviations` is defined.
 WITH_DEVIATIONS = (*MEANS, *RATIOS, EFFICIENCY)
@@ -56,8 +58,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     for run in (result, reference):
         if not getattr(run, "moments", ()):
             raise HarvesterError(
-                f"paired_difference: {run}: holds no batches on a path of noise, as averaging and "
-                "results of JSON do; give two results of simulate"
+                f"paired_difference: {shown(run)}: holds no batches on a path of noise, as orbits, "
+                "averaging and JSON do; give two results of simulate"
             )
     balances = [
         well_balance(run.scene, run.prepared_scene.system, run.moments)
@@ -78,7 +80,10 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         ratio, error = ratio_of_sums(upper, reference_upper)
         if any(balances) and ratio:
             error = _error(ratio, pairs, balances)
-        differences[name] = Estimate(ratio - 1.0, error, None, "1", why_no_error(ratio, error))
+        note = why_no_error(ratio, error)
+        if error == 0.0 and MEANS[name][1] == "rate":
+            error, note = None, EQUAL_COUNTS
+        differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
     pairs = [_of_batches(batches, EFFICIENCY) for batches in (ours, theirs)]
     if all(load.any() for load, _ in pairs):
         of_ours, of_theirs = (load.sum() / absorbed.sum() for load, absorbed in pairs)

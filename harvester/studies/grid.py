@@ -9,7 +9,7 @@ from typing import Any
 from circuits.netlist.subcircuits import UnknownParameter
 from harvester.base.arguments import listed, real_numbers, table
 from harvester.base.errors import HarvesterError, SceneError
-from harvester.base.plain_text import name, nearest
+from harvester.base.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.steps import fixes_knots, spacing_of
@@ -102,7 +102,7 @@ def make_grid(
     loads = [str(k) if isinstance(k, Path) else k for k in listed(loads, "loads", written)]
     loads = listed(loads, "loads", written, str) or (OWN_LOAD,)
     sweeps = {
-        key: listed(levels, f"over[{key!r}]", "[0.1, 0.2]")
+        key: listed(levels, f"over[{shown(key)}]", "[0.1, 0.2]")
         for key, levels in table(sweeps, "over", GRID_WRITTEN).items()
     }
     if any_key and not sweeps:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 from harvester.base.arguments import check_name, listed, real_numbers, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
 from harvester.base.method import Method
+from harvester.base.plain_text import shown
 from harvester.base.signatures import (
     Count,
     Distributions,
@@ -740,10 +741,10 @@ def _ends(key, ends):
     """Both ends of a range; None, None if the range follows from the scene's value."""
     if ends is None:
         return None, None
-    pair = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    pair = listed(ends, f"over[{shown(key)}]", "(0.1, 2.0)")
     if len(pair) != 2:
-        raise HarvesterError(f"over[{key!r}]: has {len(pair)} numbers; write (0.1, 2.0)")
+        raise HarvesterError(f"over[{shown(key)}]: has {len(pair)} numbers; write (0.1, 2.0)")
     for end in pair:
         if end is not None:
-            real_numbers([end], f"over[{key!r}]", "(0.1, 2.0)")
+            real_numbers([end], f"over[{shown(key)}]", "(0.1, 2.0)")
     return pair

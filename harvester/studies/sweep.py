@@ -19,7 +19,7 @@ from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
-from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
+from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, OTHER_LINE, styles
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 # Half length of an error bar, in standard errors.
 BARS = 2.0
-OTHER_CLOSURE = ("0.3", "-.")
 # Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
 # Maximum number of panels in a row, one per point of the other keys, and their size (inches).
@@ -286,11 +285,11 @@ def _cell(method, answer, quantities):
         return Cell(method, OUT_OF_TIME)
     if isinstance(answer, HarvesterError):
         return Cell(method, told(answer))
-    outcome = answer.outcome
-    if outcome == COMPLETE:
-        outcome = "; ".join([COMPLETE, *answer.notes])
-    names = {*answer.quantities, *quantities}
+    outcome, names = answer.outcome, {*answer.quantities, *quantities}
     estimates = {name: mean for name, mean in answer.in_units().items() if name in names}
+    if outcome == COMPLETE:
+        missing = [f"{method} computes no {name}" for name in quantities if name not in estimates]
+        outcome = "; ".join([COMPLETE, *answer.notes, *missing])
     return Cell(method, outcome, estimates, answer.realizations, answer.orbits)
 
 
@@ -400,7 +399,7 @@ def _series(sweep, name, x, cells, number, factor):
     estimates = [mean and mean.times(factor) for mean in means]
     y = [math.nan if mean is None else mean.estimate for mean in estimates]
     if method in CLOSURES:
-        colour, line = LINES.get(method, OTHER_CLOSURE)
+        colour, line = LINES.get(method, OTHER_LINE)
         return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**number)
     errors = [mean and mean.standard_error for mean in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]

@@ -16,7 +16,7 @@ from harvester.engines.request import Answer, relative_error
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.statistics.agreement import SIGNIFICANT_SIGMAS
-from harvester.statistics.estimate import Estimate
+from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.units import unit_of
 from harvester.validation import MEANS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
@@ -52,7 +52,7 @@ class Accuracy(ResultBase):
     closures : dict of str to dict
         `quantities` (scaled) and `seconds` of each valid closure.
     refused : dict of str to str
-        Reasons of invalid closures.
+        Reasons of invalid closures, and of a missing throughput.
     exact_paths : str
         Name of the reference solution for strong errors.
     horizon : float
@@ -172,7 +172,11 @@ class Accuracy(ResultBase):
     def _findings(self) -> list[str]:
         """Verdict on the default step, and notes on the method."""
         answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
-        sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
+        errors = {SYMBOLS[name]: self.sampling_error(name) for name in MEANS}
+        sampling = ", ".join(
+            f"{name} {error:.2%}" for name, error in errors.items() if error < math.inf
+        )
+        needed = self.needed_time()
         lines = [
             *self.verdicts(),
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
@@ -183,13 +187,13 @@ class Accuracy(ResultBase):
             f"{answer.simulated_time / answer.realizations:g} s, fewer and shorter in a brief run",
             *[
                 "bias of a closure: ± covers its numerical and the reference's sampling error; its "
-                "time is that of `average`, with all densities"
+                "time is the engine_seconds of a second call of `average`, without compilation"
             ]
             * bool(self.closures),
             "a brief run without a rare event, such as a jump between the wells, has too small "
             "an error bar",
-            f"sampling error of the long run: {sampling}",
-            f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
+            f"sampling error of the long run: {sampling or TOO_SHORT}",
+            *[f"1 % of E[V²] takes {needed:.3g} simulated seconds"] * (needed < math.inf),
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
             "and without the start of the program; never: the bias alone is larger; (?): the bias "
             "is too uncertain to show that this error is reached",
@@ -197,7 +201,7 @@ class Accuracy(ResultBase):
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
-        return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
+        return [*lines, *(f"{name}: refused: {why}" for name, why in self.refused.items())]
 
     def verdicts(self) -> list[str]:
         """Verdict on the bias at the circuit's default step, and the longest step below 1 %."""

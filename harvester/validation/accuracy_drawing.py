@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.symbols import SYMBOLS
-from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
+from harvester.results.palette import CLOSURE_MARKERS, LINES, OTHER_LINE, OTHER_MARKER, styles
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.statistics.units import unit_of
 from harvester.validation import MEANS
@@ -112,7 +112,8 @@ def _closures(study, deviation):
     named = []
     for closure, answer in study.closures.items():
         y, bars = _in_percent(deviation(closure))
-        colour, marker = LINES[closure][0], CLOSURE_MARKERS[closure]
+        colour, _ = LINES.get(closure, OTHER_LINE)
+        marker = CLOSURE_MARKERS.get(closure, OTHER_MARKER)
         x = np.array([answer["seconds"]])
         named.append((closure, Series(x, y, None, colour, "", marker, bars, size=7.0)))
     return named

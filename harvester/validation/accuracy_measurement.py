@@ -18,13 +18,16 @@ import numpy as np
 
 from circuits.kernel.engine import circuit_of
 from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.averaging.method import Stationary
+from harvester.averaging.of_scene import average
 from harvester.base.errors import HarvesterError
+from harvester.base.method import Method
 from harvester.base.serialising import LEFT_OUT, key, plain
 from harvester.device import timescales
-from harvester.engines.methods import engine_of
+from harvester.engines.methods import Engine, engine_of, method_of
 from harvester.engines.realization import run
-from harvester.engines.realizations import averages
 from harvester.engines.request import (
+    OUT_OF_TIME,
     Request,
     answers_before_failure,
     relative_error,
@@ -257,7 +260,10 @@ class MethodRow:
 
 
 def measure(
-    scene: Scene, runner: Runner, thorough: bool, methods: Sequence[ComparedMethod] | None
+    scene: Scene,
+    runner: Runner,
+    thorough: bool,
+    methods: Sequence[str | Method | ComparedMethod] | None,
 ) -> dict[str, Any]:
     """Measure paths and means of all methods; returns the fields of `Accuracy`.
 
@@ -265,8 +271,8 @@ def measure(
     ----------
     thorough : bool
         More paths, steps and realizations.
-    methods : sequence of ComparedMethod or None
-        None: all methods, and the throughput of all variants of the circuit.
+    methods : sequence of str, Method or ComparedMethod, or None
+        See `harvester.accuracy`.
 
     Raises
     ------
@@ -284,19 +290,15 @@ def measure(
     factor = THOROUGH if thorough else 1
     # With a load other than a resistor there is only one variant of the circuit.
     speeds: dict[str, Any] = {"rows": [], "machine": throughput.machine()}
+    compared, stationary = chosen(methods, model, thorough, runner)
+    refused: dict[str, str] = {}
     if methods is None and not with_load:
         # This measurement runs alone, since other tasks would distort the measured times.
-        speeds = successful(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
-    if methods is None:
-        every = THOROUGH_METHODS if thorough else METHODS
-        compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
-        methods = LOAD_METHODS if with_load else (*every, *compiled)
-        # No step is longer than the time between two samples of the excitation.
-        default = {m.engine: longest_step(model, "default", m.engine) for m in methods}
-        methods = [m for m in methods if m.refinement >= 1 or m.step(model) > default[m.engine]]
-    methods = tuple(methods)
+        (outcome,) = runner.run([throughput.task(scene, runner.version("circuit"))])
+        speeds = outcome if isinstance(outcome, dict) else speeds
+        refused |= {"throughput": told(outcome)} if isinstance(outcome, HarvesterError) else {}
     short = _short_scene(model, PATHS * factor)
-    strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
+    strong = _strong_errors(short, compared, _exact_paths(short, with_load, runner), runner)
     scenes = {
         False: model.with_run(realizations=scene.run.realizations * factor),
         True: _brief_scene(model, BRIEF_REALIZATIONS * factor),
@@ -306,8 +308,8 @@ def measure(
         for run in scenes.values()
     ]
     answers = dict(zip(scenes, successful(runner.answer(requests)), strict=True))
-    runs = _runs(scenes, methods, runner)
-    averaged, refused = closures(scene, runner)
+    runs = _runs(scenes, compared, runner)
+    averaged, invalid = closures(scene, stationary, runner)
     references = {
         brief: Timed(scenes[brief], [{"moments": answer.moments, "seconds": answer.seconds}])
         for brief, answer in answers.items()
@@ -321,7 +323,7 @@ def measure(
     none, settling = Estimate(0.0, 0.0, None, "1"), exact.simulated_time / exact.measured_time
     rows = [
         _row(method, run, errors, references[method.brief], answer, scatter, settling)
-        for method, run, errors in zip(methods, runs, strong, strict=True)
+        for method, run, errors in zip(compared, runs, strong, strict=True)
     ]
     return dict(
         scene=scene,
@@ -330,7 +332,7 @@ def measure(
         answer=answer,
         errors={name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()},
         closures=averaged,
-        refused=refused,
+        refused=refused | invalid,
         exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
         horizon=short.scene.run.duration,
         paths=short.scene.run.realizations,
@@ -474,26 +476,56 @@ def realizations_task(
     return Task(function, arguments, version, method.family, len(indices))
 
 
-def averages_once_more(prepared_scene: Prepared, closure: str, report: Callable) -> dict[str, Any]:
-    """A scene by a closure, with densities, timed without compilation, in a worker process."""
+def averages_once_more(
+    prepared_scene: Prepared, closure: str, report: Callable, **settings: Any
+) -> dict[str, Any]:
+    """A scene by a closure, timed without compilation, in a worker process."""
     for _ in range(2):
-        answer = averages(prepared_scene, closure, None, True, report)
-    return answer
+        result = average(prepared_scene.scene, method=Stationary(closure, **settings))
+    return {"quantities": result.scaled_quantities, "seconds": result.engine_seconds}
 
 
-def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
+def closures(
+    scene: Scene, methods: Sequence[Stationary], runner: Runner
+) -> tuple[dict[str, dict], dict[str, str]]:
     """Answers of valid closures, and reasons of invalid ones, by name.
 
     An answer contains `quantities`, scaled, and `seconds` of one core.
     """
     tasks = [
-        Task(averages_once_more, {"scene": scene, "closure": closure}, label=closure)
-        for closure in NOISE_CLOSURES
+        Task(averages_once_more, {"scene": scene, "closure": m.name, **m.settings}, label=m.name)
+        for m in methods
     ]
-    outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
+    outcomes = {task.label: outcome for task, outcome in zip(tasks, runner.run(tasks), strict=True)}
     answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
-    refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
+    refused = {name: str(o or OUT_OF_TIME) for name, o in outcomes.items() if name not in answers}
     return answers, refused
+
+
+def chosen(
+    methods: Sequence[str | Method | ComparedMethod] | None,
+    model: Prepared,
+    thorough: bool,
+    runner: Runner,
+) -> tuple[list[ComparedMethod], list[Stationary]]:
+    """The compared engines and closures; see `harvester.accuracy`."""
+    with_load = not model.scene.load.is_resistor
+    every = LOAD_METHODS if with_load else THOROUGH_METHODS if thorough else METHODS
+    if methods is None:
+        methods = [*dict.fromkeys(method.engine for method in every), *NOISE_CLOSURES]
+    items = [m if isinstance(m, ComparedMethod) else method_of(m) for m in methods]
+    names = [name for name in methods if isinstance(name, str)]
+    if "circuit" in names and not with_load and "compiled" in runner.version("circuit"):
+        every = (*every, *COMPILED_METHODS)
+    # No step is longer than the time between two samples of the excitation.
+    default = {m.engine: longest_step(model, "default", m.engine) for m in every}
+    every = [m for m in every if m.refinement >= 1 or m.step(model) > default[m.engine]]
+    compared: list[ComparedMethod] = [m for m in items if isinstance(m, ComparedMethod)]
+    for method, item in zip(methods, items, strict=True):
+        if isinstance(item, Engine):
+            listed = [m for m in every if m.engine == method]
+            compared += listed or [ComparedMethod.of(item, model)]
+    return compared, [item for item in items if isinstance(item, Stationary)]
 
 
 def is_reference(bias: Estimate) -> bool:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from circuits.equivalent.export import longest_in_contact
+from harvester.base.errors import HarvesterError
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines import side_by_side
+from harvester.scene.steps import STEP_LEVELS
 from harvester.validation import entries
 from harvester.validation.paths import longest_step
 
 if TYPE_CHECKING:
+    from harvester.engines.methods import Engine
     from harvester.scene.prepared import Prepared
+
+# Order of each scheme.
+ORDERS = {"runge-kutta": 4, "heun": 2, "tr-bdf2": 2, "trapezoidal": 2, "gear": 2}
 
 
 @dataclass(frozen=True)
@@ -20,8 +28,8 @@ class ComparedMethod:
 
     Attributes
     ----------
-    order : int
-        Theoretical order of the scheme.
+    order : float
+        Theoretical order of the scheme; nan if unknown.
     refinement : float
         Divisor of the engine's default step.
     source, scheme, tolerance, device, copies
@@ -33,7 +41,7 @@ class ComparedMethod:
 
     family: str
     engine: str
-    order: int = field(metadata=key("theoretical_order"))
+    order: float = field(metadata=key("theoretical_order"))
     refinement: float = field(default=1, metadata=LEFT_OUT)
     source: str = "external"
     scheme: str | None = None
@@ -42,14 +50,32 @@ class ComparedMethod:
     copies: int | None = 1
     brief: bool = field(default=False, metadata=LEFT_OUT)
 
+    @classmethod
+    def of(cls, engine: Engine, model: Prepared) -> ComparedMethod:
+        """An engine with its settings; raises HarvesterError for a setting that is not compared."""
+        settings = {"scheme": engine.scheme, **engine.settings}
+        step = settings.pop("step", "default")
+        refinement = STEP_LEVELS.get(step) or longest_step(model, "default", engine.name) / step
+        for name in settings:
+            if name not in cls.__dataclass_fields__:
+                raise HarvesterError(f"accuracy: {engine}: compares no {name}; omit it")
+        of_load = engine.name == "monte-carlo" and not model.scene.load.is_resistor
+        order = ORDERS.get("tr-bdf2" if of_load else engine.scheme, math.nan)
+        return cls(engine.label, engine.name, order, refinement, **settings)
+
     @property
     def group(self) -> str:
         """The family without the words for the trapezoidal rule or Gear's formula."""
         return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
 
     def step(self, model: Prepared) -> float:
-        """Longest step (s): a whole part of the time between two samples of the excitation."""
+        """Longest step (s): a whole part of the time between two samples of the excitation.
+
+        With ngspice's own steps it is no longer than a contact allows.
+        """
         asked = longest_step(model, "default", self.engine) / self.refinement
+        if self.source == "pwl":
+            asked = min(asked, longest_in_contact(model.system) or asked)
         return longest_step(model, asked, self.engine)
 
     def together(self, model: Prepared) -> int:

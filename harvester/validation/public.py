@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Unpack
 
 from harvester.base.arguments import listed
-from harvester.base.signatures import RunnerOptions, Step
+from harvester.base.errors import HarvesterError
+from harvester.base.signatures import Methods, RunnerOptions, Step
 from harvester.engines.simulate import check_step, require_noise
 from harvester.scene.calling import checked, takes_scene
 from harvester.validation import TIME_LIMIT
@@ -18,7 +19,6 @@ from harvester.validation import TIME_LIMIT
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.validation.accuracy import Accuracy
-    from harvester.validation.accuracy_methods import ComparedMethod
     from harvester.validation.known_results import Truth
     from harvester.validation.stability import StabilityMatrix
     from harvester.validation.stability_cases import Case
@@ -115,7 +115,7 @@ def accuracy(
     scene: Scene,
     *,
     thorough: bool = False,
-    methods: Sequence[ComparedMethod] | None = None,
+    methods: Methods | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Accuracy:
     """Error of every method against run time, and time to an error of 10, 3 and 1 %.
@@ -126,13 +126,12 @@ def accuracy(
         The scene; its [run] defines the compared means.
     thorough : bool
         More paths, steps and realizations.
+    methods : sequence of str or Method
+        Engines and closures; several may be given. The name of an engine means all its steps and
+        schemes, an object such as `MonteCarlo(step=0.01)` its own settings (default: all, and the
+        throughput of every way to run the circuit).
     **running
         See `harvester.open_runner`. Stored answers include their measured times.
-
-    Other Parameters
-    ----------------
-    methods : sequence of ComparedMethod or None
-        None: all of them, and the throughput of every way to run the circuit.
 
     Raises
     ------
@@ -150,12 +149,12 @@ def accuracy(
     from harvester.engines.opening import open_runner
     from harvester.validation.accuracy import Accuracy
     from harvester.validation.accuracy_measurement import measure
-    from harvester.validation.accuracy_methods import METHODS, ComparedMethod
 
     require_noise(scene, "accuracy")
     if methods is not None:
-        families = "; ".join(dict.fromkeys(method.family for method in METHODS))
-        where = f"some of harvester.validation.accuracy_methods.METHODS, of families {families}"
-        methods = listed(methods, "methods", where, ComparedMethod)
+        example = 'methods=["circuit", "consistent"]'
+        methods = listed(methods, "methods", example)
+        if not methods:
+            raise HarvesterError(f"methods = []: give at least one, {example}")
     with open_runner(**running) as runner:
         return Accuracy(**measure(scene, runner, thorough, methods))

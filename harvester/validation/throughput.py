@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from circuits.equivalent.export import longest_in_contact
 from harvester.base.worker_pool import WorkerPool, Workers
 from harvester.engines.codec import register
 from harvester.engines.methods import Circuit
@@ -77,12 +78,12 @@ def measure(
     """Measure every variant of a scene's circuit; the best of `repeats` measurements is used.
 
     The first variant is a source in the netlist, the second one realization with the external
-    source, both with one knot as the longest step; the others have the default step. The ratio of
-    two processes to one needs two workers.
+    source, both with steps of one knot, or the longest that a contact allows; the others have the
+    default step. The ratio of two processes to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
     spacing = knot_spacing(model)
-    knot = {"step": spacing}
+    knot = {"step": min(spacing, longest_in_contact(model.system) or spacing)}
     ways: list[tuple[str, int, int, dict[str, Any]]] = [
         ("external source, a step a knot", 1, 1, knot),
         ("one realization", 1, 1, {}),

@@ -13,6 +13,7 @@ from harvester.averaging import closures
 from harvester.base.worker_process import Worker
 from harvester.cli.command_line import main
 from harvester.engines.task import Task
+from harvester.results import figures
 from harvester.validation import accuracy_measurement as measurement
 from harvester.validation import stability as matrix
 from harvester.validation import throughput
@@ -76,12 +77,23 @@ def briefly():
         patch.setattr(measurement, "PERIODS", 1)
         patch.setattr(measurement, "PATHS", 2)
         patch.setattr(throughput, "task", speeds_here)
+        patch.setattr(figures, "write", write_whole)
         # Rates of jumps take several times as long as all else that `validate` averages.
         patch.setattr("harvester.averaging.jumps.MOST_WORK", 1e6)
         patch.setattr("harvester.averaging.closures.average", lru_cache(closures.average))
         yield
     for worker in SameWorker.made:
         Worker.close(worker)
+
+
+def write_whole(figure, path, write=figures.write):
+    """Write a figure; fail if its texts reach beyond it by more than a hundredth of an inch."""
+    write(figure, path)
+    drawn = figure.get_tightbbox().padded(-0.01)
+    width, height = figure.get_size_inches()
+    assert min(drawn.min) >= 0.0, path
+    assert drawn.x1 <= width, path
+    assert drawn.y1 <= height, path
 
 
 def speeds_here(scene, version):
@@ -112,10 +124,12 @@ def faults(case, folder, capsys):
 @pytest.mark.parametrize("case", every_command.EACH_ONCE, ids=lambda case: case[0])
 def test_each_command_answers(case, folder, capsys):
     """But for `optimum`: it may find none in runs as brief as these."""
+    words = every_command.call(case, folder)
+    output = [] if "--output" in words else ["--output", str(folder / case[0])]
     if case[0] == "optimum":
         assert not faults(case, folder, capsys)
     else:
-        code = main(every_command.call(case, folder))
+        code = main([*words, *output])
         assert code in (0, None), capsys.readouterr()
         assert not FAULT.search(str(capsys.readouterr()))
 

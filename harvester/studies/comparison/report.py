@@ -24,7 +24,7 @@ from harvester.results.page import (
     verdict_list,
     wide,
 )
-from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, OTHER_LINE
 from harvester.results.panels import legend_below, set_title
 from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
@@ -153,7 +153,7 @@ def _draw_densities(axes, comparison, name):
     draw_density(axes, comparison.circuit, name, "circuit", colour=CIRCUIT, line="--")
     # Closures are drawn above the simulations, whose error bands are broad under noise.
     for closure, result in comparison.closures.items():
-        colour, line = LINES[closure]
+        colour, line = LINES.get(closure, OTHER_LINE)
         if name in result.densities:
             style = {"colour": colour, "line": line, "width": thin}
             draw_density(axes, result, name, f"averaging, {closure}", **style)

@@ -267,13 +267,12 @@ class Search:
         longer = fit.noisy_ends and self._lengthen()
         if longer or abs(around - centre) > RECENTRED * half:
             return around
-        location = self.axis.value(centre + half * fit.place)
-        end = self.axis.value(centre + half * fit.flat_to)
+        low, high = sorted(self.axis.value(centre + half * x) for x in (fit.place, fit.flat_to))
         self._refuse_flat(
             (centre, half),
             answers,
             fit,
-            f"is flat from {location:.4g} to {end:.4g} by {self.method.name}, within errors or "
+            f"is flat from {low:.4g} to {high:.4g} by {self.method.name}, within errors or "
             f"{STANDS_OUT:.1%}",
             "a maximum beyond this plateau needs another range (--from, --to)",
         )

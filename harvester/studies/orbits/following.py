@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from harvester.base.arguments import Named
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
+from harvester.base.serialising import LEFT_OUT
 from harvester.engines.following import (
     PARTING_PERIODS,
     calls_of,
@@ -25,6 +27,7 @@ from harvester.results.orbit import (
     NO_PERIOD,
     NOT_SETTLED,
     UNSTEADY,
+    means_of_motion,
     orbit_name,
     share_error,
 )
@@ -44,6 +47,7 @@ from harvester.statistics.attractors import (
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import COLUMNS, STATE
 from harvester.statistics.transient import memory_of, transient_time
+from harvester.statistics.units import unit_of
 
 # Samples are taken after the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6
@@ -84,6 +88,8 @@ class Orbit:
         the standard error; NaN if there are too few samples.
     points : ndarray, shape (n, 2)
         Stroboscopic section: displacement and velocity at the starts of forcing periods.
+    units : dict of str to str
+        Units of the means, for printing.
     """
 
     name: str
@@ -97,7 +103,20 @@ class Orbit:
     rms_voltage: float
     rms_displacement: float
     errors: dict[str, float]
-    points: np.ndarray
+    points: np.ndarray = field(repr=False)
+    units: dict[str, str] = field(default_factory=dict, repr=False, metadata=LEFT_OUT)
+
+    @property
+    def quantities(self) -> Named:
+        """The means as estimates with their errors; empty without a steady motion."""
+        means = {
+            name: Estimate(
+                getattr(self, name), self.errors[name], None, dimension, unit=self.units[dimension]
+            )
+            for name, dimension in QUANTITIES.items()
+            if self.steady and self.units
+        }
+        return means_of_motion(self.name, means)
 
     @property
     def steady(self) -> bool:
@@ -254,7 +273,8 @@ def orbits_of(
         values = means_of(orbit_samples, seconds, steps, memory, susceptance(driven)) * units
         section = points[:, :2] * size
         name = orbit_name(number)
-        orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
+        shown = values, section, period, exponent
+        orbits.append(_orbit(driven, name, kind, members.size, count, *shown))
     for kind, is_member in (
         (unsettled, followed & ~ended & (which < 0)),
         (ESCAPES, escaped),
@@ -262,7 +282,7 @@ def orbits_of(
     ):
         if is_member.any():
             which[is_member] = len(orbits)
-            orbits.append(_orbit(kind, kind, int(is_member.sum()), count))
+            orbits.append(_orbit(driven, kind, kind, int(is_member.sum()), count))
     return orbits, which
 
 
@@ -319,12 +339,14 @@ def motion_of(driven: Prepared, samples: np.ndarray) -> tuple[int, str]:
     return 0, unsettled if period or unsettled == CHARGING else NO_PERIOD
 
 
-def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
+def _orbit(driven, name, kind, starts, count, values=None, points=None, period=None, exponent=None):
     """An outcome of some starts; without values, an unsteady motion."""
     values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
     means, errors = (dict(zip(QUANTITIES, map(float, row), strict=True)) for row in values)
     points = np.empty((0, 2)) if points is None else points
+    units = {dimension: unit_of(driven.scene, dimension) for dimension in QUANTITIES.values()}
     share = starts / count, share_error(starts, count)
     return Orbit(
-        name, kind, period, exponent, starts, *share, **means, errors=errors, points=points
-    )
+        name, kind, period, exponent, starts, *share, **means, errors=errors, points=points,
+        units=units,
+    )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.base.arguments import checked_progress, listed
+from harvester.base.arguments import Named, checked_progress, listed
 from harvester.base.worker_pool import ExecutorPool, WorkerPool
 from harvester.scene.calling import takes_scene
 from harvester.studies.grid import make_grid
@@ -148,3 +148,29 @@ def test_what_is_no_scene_is_refused(content):
         harvester.SceneError, match=r"not a scene: pass the return value of Scene\.to_dict"
     ):
         harvester.Scene.from_dict(content)
+
+
+def test_numbers_in_keys_match_within_rounding_and_messages_name_the_nearest():
+    rows = {("circuit", 0.1 + 0.2): 1, ("circuit", 0.5): 2, ("circuit", 1e5 / 3): 3}
+    named = Named("power: no", rows, 'result["power"]')
+    assert (named["circuit", 0.3], named["circuit", 33333.3333333]) == (1, 3)
+    with pytest.raises(harvester.UnknownQuantity, match=r"write .*'circuit', 0\.5\] or "):
+        named["circuit", 0.51]
+    with pytest.raises(harvester.UnknownQuantity, match=r"write .*'circuit', 0\.5\] or "):
+        named[0.51]
+    assert Named("power: no", {0.1 + 0.2: 1})[0.3] == 1
+
+
+def test_a_message_on_a_wrong_argument_is_one_short_line(tmp_path):
+    scene = harvester.Scene.read("paper")
+    many = [[0.1] * 50] * 50
+    for call in (
+        lambda: harvester.paired_difference(many, many),
+        lambda: harvester.save(many, tmp_path / "x.json"),
+    ):
+        with pytest.raises(harvester.HarvesterError) as caught:
+            call()
+        assert len(str(caught.value)) < 300
+        assert "\n" not in str(caught.value)
+    with pytest.raises(harvester.HarvesterError, match=r"a scene's file ends in \.toml"):
+        harvester.save(scene, tmp_path / "x.json")

@@ -46,7 +46,7 @@ OPTIONS = {
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
     f"--per-g --quantity --report --time-limit {RUN} {SCENE}",
-    "accuracy": f"--json --output --report --thorough {RUN} {SCENE}",
+    "accuracy": f"--json --method --output --report --thorough {RUN} {SCENE}",
     "stability": f"--json --output --report --step --time-limit {RUN} {SCENE}",
     "verify": f"--json --output --report {RUN}",
     "sweep": "--json --method --output --over --precision --quantity --report --step --time-limit "

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import harvester
 from harvester.results.result import Result
@@ -63,19 +64,33 @@ def test_an_estimate_is_scaled_and_printed_and_nothing_else(result):
     for refused in (
         lambda: power - power,
         lambda: power / power,
-        lambda: 1.0 + power,
         lambda: power > 0.0,
         lambda: power * "2",
-        lambda: -power,
+        lambda: power + "2",
+        lambda: round(power, 3),
         lambda: abs(power),
-        lambda: power[0],
-        lambda: [*power],
         lambda: np.sqrt(power),
         lambda: np.float64(1.0) / power,
         lambda: f"{power:d}",
     ):
         with pytest.raises(harvester.HarvesterError, match=r"float\(…\).*standard_error"):
             refused()
+
+
+def test_a_number_shifts_an_estimate_and_lists_of_them_are_drawn(result):
+    """A constant leaves the error unchanged; numpy and matplotlib take the values."""
+    power = result["mean_power"]
+    for shifted in (power + 1e-3, 1e-3 + power, power - -1e-3, np.float64(1e-3) + power):
+        assert shifted.estimate == pytest.approx(float(power) + 1e-3)
+        assert (shifted.standard_error, shifted.unit) == (power.standard_error, "W")
+    assert (1e-3 - power).estimate == (-(power - 1e-3)).estimate
+    powers = [power, power + 1e-3]
+    values = np.asarray(powers)
+    assert values.tolist() == [float(each) for each in powers]
+    axes = Figure().subplots()
+    (line,) = axes.plot([1, 2], powers)
+    axes.errorbar([1, 2], powers, [each.standard_error for each in powers])
+    assert np.array_equal(np.asarray(line.get_ydata(), float), values)
 
 
 def test_densities_are_a_frame_in_the_scenes_units(result):
@@ -120,7 +135,7 @@ def test_a_scene_is_saved_as_toml(tmp_path):
     scene = harvester.Scene.read("device", {"load.resistance": 2e5})
     assert harvester.save(scene, tmp_path / "mine.toml") == ["mine.toml"]
     assert harvester.Scene.read(tmp_path / "mine.toml").digest() == scene.digest()
-    with pytest.raises(harvester.HarvesterError, match=r"a scene is saved .* \.toml"):
+    with pytest.raises(harvester.HarvesterError, match=r"a scene's file ends in \.toml"):
         harvester.save(scene, tmp_path / "mine.json")
 
 
@@ -174,6 +189,23 @@ def test_plain_values_lead_back_to_the_result(result):
         again.figure()
     with pytest.raises(harvester.UnknownQuantity, match="joint_density=True"):
         again.figure("joint")
+
+
+def test_a_results_json_is_read_and_that_of_a_study_refused(result, tmp_path, pool):
+    harvester.save(result, tmp_path / "result.json")
+    assert Result.read(tmp_path / "result.json").quantities == result.quantities
+    study = harvester.sweep(
+        "linear", {"load.decay_rate": [0.1]}, methods=["spectral"], executor=pool
+    )
+    harvester.save(study, tmp_path / "study.json")
+    with pytest.raises(harvester.HarvesterError, match=r"study\.json: .*\.csv.* pickle$"):
+        Result.read(tmp_path / "study.json")
+    assert pickle.loads(pickle.dumps(study)).table() == study.table()
+    (tmp_path / "text.json").write_text("{")
+    with pytest.raises(harvester.HarvesterError, match=r"text\.json: not a JSON file; give one"):
+        Result.read(tmp_path / "text.json")
+    with pytest.raises(AttributeError, match=r"Result\.read reads"):
+        assert harvester.load
 
 
 def test_what_is_not_finite_comes_back_as_missing():

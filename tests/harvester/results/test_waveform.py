@@ -88,7 +88,7 @@ def test_files_and_tables(tmp_path):
         assert (tmp_path / f"w{ending}").stat().st_size > 1000
     with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
         check_outputs(None, None, waveform="w.xls")
-    with pytest.raises(HarvesterError, match="is not a result: pass the return value of simulate"):
+    with pytest.raises(HarvesterError, match=r"a scene.s file ends in \.toml"):
         save(scene, tmp_path / "scene")
     with pytest.raises(UnknownQuantity, match="did you mean voltage"):
         wave["volt"]

@@ -2,12 +2,13 @@
 
 import pytest
 
+from harvester.base.formatting import share_with_error
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.output_side import RATIOS, estimate_output
-from harvester.statistics.paired import WITH_DEVIATIONS, deviations
+from harvester.statistics.paired import WITH_DEVIATIONS, deviations, paired_difference
 from harvester.statistics.run_quantities import estimate_all
 
 
@@ -28,3 +29,17 @@ def test_they_have_the_errors_of_the_estimates(pool):
             compared += 1
     assert compared >= 4
     assert "output_ripple" not in WITH_DEVIATIONS
+
+
+def test_equal_counts_of_events_claim_no_certainty(pool):
+    """Circuit and Monte Carlo count the same contacts on a short path; their powers differ."""
+    changes = ["run.realizations=16", "run.duration=20", "run.settle=2"]
+    scene = Scene.read("paper", changes)
+    runs = [simulate(scene, method=m, runner=pool) for m in ("circuit", "monte-carlo")]
+    differences = paired_difference(*runs)
+    rate = differences["impact_rate"]
+    assert runs[0]["impact_rate"].estimate > 0.0
+    assert (rate.estimate, rate.standard_error) == (pytest.approx(0.0, abs=1e-12), None)
+    assert share_with_error(rate) == "0.00 % (no error bar)"
+    assert "count the same events" in rate.note
+    assert differences["mean_power"].standard_error > 0.0

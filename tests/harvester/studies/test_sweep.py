@@ -230,3 +230,20 @@ def test_a_swept_key_has_its_unit_in_the_header():
     assert header[:2] == ["load.resistance [Ω]", "oscillator.quality_factor [1]"]
     assert row[:2] == [5e4, 50.0]
     assert found.table()[0][1] == "load.resistance [Ω]"
+
+
+@pytest.mark.slow
+def test_jump_rates_of_a_closure_are_computed_or_the_reason_is_given(pool):
+    """A closure's rate is that of `average` with jump_rates=True."""
+    over = {"excitation.intensity": [0.1]}
+    methods = ["fokker_planck", "consistent"]
+    found = harvester.sweep("paper", over, methods=methods, quantities=["jump_rate"], executor=pool)
+    scene = Scene.read("paper", ["excitation.intensity=0.1"])
+    expected = harvester.average(scene, jump_rates=True)["jump_rate"]
+    rate = found["jump_rate"]["fokker_planck", 0.1]
+    assert rate.estimate == pytest.approx(expected.estimate, rel=1e-9)
+    assert "consistent computes no jump_rate" in " ".join(found.sentences())
+    over = {"load.decay_rate": (0.05, 0.1)}
+    options = {"method": "consistent", "maximise": "jump_rate", "evaluations": 16}
+    with pytest.raises(harvester.UnknownQuantity, match="by consistent: no quantity jump_rate"):
+        harvester.optimum("paper", over, executor=pool, **options)

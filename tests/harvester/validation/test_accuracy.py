@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,13 +12,17 @@ import worker_calls
 from matplotlib import style
 from truths import reference_path as independent_path
 
+from circuits.equivalent.export import longest_in_contact
 from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.averaging.of_scene import average
 from harvester.base.errors import HarvesterError, LoadError, OutOfTime
 from harvester.cli.command_line import main
+from harvester.engines.methods import Circuit, MonteCarlo
 from harvester.engines.opening import open_runner
 from harvester.engines.simulate import simulate
 from harvester.engines.task import Task
 from harvester.results import figures, palette
+from harvester.results.files import save
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import Estimate
@@ -74,7 +79,7 @@ def every_closure(monkeypatch):
 
 @pytest.fixture(scope="module")
 def diagram(pool):
-    return accuracy(Scene.read("paper", SHORT), methods=FEW, executor=pool)
+    return accuracy(Scene.read("paper", SHORT), methods=[*FEW, "consistent"], executor=pool)
 
 
 @pytest.mark.slow
@@ -186,7 +191,9 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
         return whole(scene, method, indices, runner, function)
 
     monkeypatch.setattr(measurement, "realizations_task", failing)
-    diagram = accuracy(Scene.read("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
+    diagram = accuracy(
+        Scene.read("paper", SHORT), methods=[FEW[0], FEW[-1], *NOISE_CLOSURES], executor=pool
+    )
     assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
     assert diagram.rows[1].bias
@@ -224,7 +231,7 @@ def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, t
     families = ("external source, trapezoidal", "Monte Carlo, TR-BDF2")
     methods = [each for each in LOAD_METHODS if each.family in families]
     with open_runner(tmp_path, executor=pool) as runner:
-        diagram = accuracy(scene, methods=methods, runner=runner)
+        diagram = accuracy(scene, methods=[*methods, "fokker_planck"], runner=runner)
     for family in families:
         rows = [row for row in diagram.rows if row.method.family == family]
         rows.sort(key=lambda row: row.mean_step)
@@ -370,7 +377,7 @@ def steady(pool):
         ComparedMethod("the reference", "monte-carlo", 4, REFERENCE.refinement),
     )
     sets = ["run.realizations=16", "run.duration=200", "run.settle=20"]
-    return accuracy(Scene.read("linear", sets), methods=few, executor=pool)
+    return accuracy(Scene.read("linear", sets), methods=[*few, "consistent"], executor=pool)
 
 
 @pytest.mark.slow
@@ -391,7 +398,9 @@ def test_both_pictures_tell_of_the_same_runs(steady):
 @pytest.mark.slow
 def test_a_rectifier_is_timed_by_its_output_power(pool):
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5", "run.realizations=2"]
-    found = accuracy(Scene.read("device", overrides), methods=LOAD_METHODS[:1], executor=pool)
+    found = accuracy(
+        Scene.read("device", overrides), methods=[LOAD_METHODS[0], "consistent"], executor=pool
+    )
     assert tuple(found.errors) == ("mean_output_power", "power_conversion_efficiency")
     assert set(found.refused) == {"consistent"}
 
@@ -437,8 +446,61 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
     assert (tmp_path / "linear-accuracy.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_method_by_its_name_is_refused_before_anything_runs():
+def test_methods_are_those_of_a_sweep(pool):
+    """A name means all steps and schemes of its engine, an object its own settings."""
+    scene = Scene.read("paper", SHORT)
     with pytest.raises(
-        HarvesterError, match=r"'circuit': is no ComparedMethod.* Monte Carlo, Heun"
+        HarvesterError, match=r"circuitt \(did you mean circuit\?\); there are .*mo"
     ):
-        accuracy(Scene.read("paper"), methods=["circuit"])
+        accuracy(scene, methods=["circuitt"])
+    with pytest.raises(HarvesterError, match="compares no gmin"):
+        accuracy(scene, methods=[Circuit(gmin=1e-9)])
+    fine = MonteCarlo(step="fine", scheme="heun")
+    found = accuracy(scene, methods=["monte-carlo", fine, "consistent"], executor=pool)
+    listed = [method for method in METHODS if method.engine == "monte-carlo"]
+    assert [row.method for row in found.rows[:-1]] == listed
+    own, same = found.rows[-1], found.rows[-2]
+    assert own.method.step(found.answer.prepared_scene) == pytest.approx(0.05 / 4)
+    assert own.bias == same.bias
+    assert own.method.order == 2
+    assert list(found.closures) == ["consistent"]
+
+
+def test_methods_that_skip_contacts_have_shorter_steps_or_say_why(pool, monkeypatch):
+    """A PWL source's steps are limited to what a contact allows, also for the throughput."""
+    scene = Scene.read("paper", [*SHORT, "stoppers.stiffness=4000"])
+    largest = longest_in_contact(prepared(scene).system)
+    pwl, external = METHODS[0], METHODS[4]
+    assert pwl.step(prepared(scene)) <= largest < external.step(prepared(scene))
+    monkeypatch.setattr(measurement, "METHODS", METHODS[:1])
+    monkeypatch.setattr(measurement, "COMPILED_METHODS", ())
+    found = accuracy(scene, executor=pool)
+    assert found.rows[0].note == ""
+    assert found.speeds["rows"]
+    assert "throughput" not in found.refused
+
+
+def test_the_time_of_a_closure_is_the_processor_time_of_average():
+    before = time.process_time()
+    result = average(Scene.read("linear"), method="consistent")
+    assert 0.0 < result.engine_seconds <= time.process_time() - before
+
+
+@pytest.mark.slow
+def test_a_run_too_short_for_error_bars_says_so_and_is_drawn(pool, tmp_path):
+    sets = ["run.realizations=1", "run.duration=2", "run.settle=0"]
+    one = [ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun")]
+    found = accuracy(Scene.read("paper", sets), methods=one, executor=pool)
+    text = " ".join(found.sentences())
+    assert "inf" not in text
+    assert "sampling error of the long run: too short for an error bar" in text
+    save(found, tmp_path / "errors.png")
+
+
+@pytest.mark.slow
+def test_a_closure_of_another_package_has_a_style(steady):
+    other = {"theirs": steady.closures["consistent"]}
+    with style.context(figures.STYLE):
+        figure = draw(dataclasses.replace(steady, closures=other))
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "theirs" in texts

@@ -8,8 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import harvester
-from harvester.base.errors import HarvesterError
+from harvester.base.errors import HarvesterError, UnknownQuantity
 from harvester.engines.following import follow, forced
+from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.starts import drawn_start, energy_range
@@ -700,3 +701,20 @@ def test_a_start_that_diverges_is_an_outcome_of_its_own(pool):
     assert any("values overflow" in line for line in found.sentences())
     with pytest.raises(HarvesterError, match=r"must be ascending numbers, such as numpy.linspace"):
         harvester.basins(scene, displacement=[0.0, -1.0], executor=pool)
+
+
+def test_means_of_a_motion_are_estimates_with_units_and_missing_ones_are_named():
+    errors = dict.fromkeys(QUANTITIES, 1e-3)
+    units = {"power": "W", "voltage": "V", "displacement": "m"}
+    share = 3, 0.75, 0.1
+    args = *share, 2.0, 1.0, 1.0, errors, np.zeros((1, 2)), units
+    orbit = Orbit("A", "period 1", 1, None, *args)
+    assert str(orbit.quantities["mean_power"]) == "2.0000 ± 0.0010 W"
+    assert float(orbit.quantities["mean_power"]) == orbit.mean_power
+    unsteady = replace(orbit, name="not settled", kind="not settled", period=None)
+    attractor = Attractor("not settled", None, True, *share, {}, np.zeros((0, 2)))
+    for motion in (unsteady, attractor):
+        with pytest.raises(
+            UnknownQuantity, match=r"motion not settled .*raise periods.*mean_power"
+        ):
+            motion.quantities["mean_power"]
