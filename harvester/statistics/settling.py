@@ -152,13 +152,15 @@ def withheld(estimates: dict[str, Estimate], shortfalls: list[Shortfall]) -> dic
     result = dict(estimates)
     for shortfall in reversed(shortfalls):
         for name in result if shortfall.names is None else shortfall.names:
-            if name in result and result[name].note not in OF_THE_VALUE:
-                result[name] = replace(
-                    result[name],
-                    standard_error=None,
-                    effective_sample_size=None,
-                    note=f"no error bar: {shortfall.reason}",
-                )
+            estimate = result.get(name)
+            if not estimate or math.isnan(estimate.estimate) or estimate.note in OF_THE_VALUE:
+                continue
+            result[name] = replace(
+                estimate,
+                standard_error=None,
+                effective_sample_size=None,
+                note=f"no error bar: {shortfall.reason}",
+            )
     return result
 
 
