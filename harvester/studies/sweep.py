@@ -175,7 +175,6 @@ class Sweep(ResultBase):
     def _findings(self) -> list[str]:
         """Sentences on how the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
         notes = placed_notes(
             (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
         )
@@ -183,7 +182,6 @@ class Sweep(ResultBase):
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
-            *ended,
             *notes_on_errors(self.methods),
             f"{', '.join(self.methods)}: {settings}, the same noise for all points; "
             f"{self.seconds:.1f} s",

@@ -25,6 +25,7 @@ from harvester.device import timescales
 from harvester.device.system import potential
 from harvester.engines.methods import Engine, engine_of
 from harvester.engines.realization import run
+from harvester.engines.request import OUT_OF_TIME
 from harvester.engines.task import Task, Wanted
 from harvester.excitation.base import kernel_loss
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
@@ -301,7 +302,7 @@ def staying(
         answers = yield Wanted(tasks)
         for answer in answers:
             if answer is None or isinstance(answer, HarvesterError):
-                outcome = "the time budget was spent" if answer is None else str(answer)
+                outcome = OUT_OF_TIME if answer is None else str(answer)
                 continue
             times.append(answer["times"])
             exits.append(answer["exits"])
