@@ -397,6 +397,7 @@ def sweep(
         methods=labels,
         quantities=quantities,
         cells=cells.reshape(shape),
+        scenes=[point.scene for point in grid.points],
         notes=grid.notes,
         out_of_time=out_of_time,
         seconds=time.perf_counter() - clock,

@@ -82,6 +82,8 @@ class Sweep(ResultBase):
         Whether the time budget ended the sweep: repeat the call with `output` to continue.
     seconds
         Wall-clock time of this call (s).
+    scenes
+        The scene of every point.
     """
 
     scene: Scene
@@ -92,6 +94,7 @@ class Sweep(ResultBase):
     notes: tuple[str, ...] = ()
     out_of_time: bool = False
     seconds: float = 0.0
+    scenes: Sequence[Scene] = field(default=(), repr=False)
 
     def places(self) -> Iterator[tuple[tuple, Cell]]:
         """Yield (value of each key, cell), with the method varying fastest."""

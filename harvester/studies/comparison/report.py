@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import platform
 from collections.abc import Callable
 from importlib import metadata
@@ -19,6 +18,7 @@ from harvester.results.page import (
     Verdict,
     facts,
     figure_of,
+    listing,
     page,
     table_of,
     verdict_list,
@@ -55,11 +55,9 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
     scene = comparison.scene
     header, rows = comparison.table()
     legend = [LEGEND, *definitions(comparison.compared)]
-    text = html.escape(assemble(comparison.circuit.prepared_scene).text)
-    netlist = (
-        "<details><summary>netlist as ngspice reads it; an external source supplies the noise"
-        f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'
-        "</pre></div></details>"
+    netlist = listing(
+        assemble(comparison.circuit.prepared_scene).text,
+        "netlist as ngspice reads it; an external source supplies the noise",
     )
     return page(
         f"{scene.name}: circuit, Monte Carlo and averaging",
@@ -68,7 +66,7 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
             "Verdict": verdict_list(verdicts),
             "Quantities": wide(table_of(header, rows)) + "".join(map(facts, legend)),
             "Figures": _figures(comparison),
-            "Scene": wide(table_of(("key", "value"), scene_rows(scene), "text")),
+            "Scene": wide(table_of(("key", "value"), scene_rows([scene]), "text")),
             "Schematic": _schematic(scene),
             "Netlist": netlist,
             "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
