@@ -243,7 +243,7 @@ def test_of_a_scene_and_what_is_refused(folder):
     assert doubled.rms == pytest.approx(2.0 * found.rms)
     with pytest.raises(HarvesterError, match="is for a record"):
         harvester.spectrum("linear", unit="g")
-    with pytest.raises(HarvesterError, match="overrides: is for a scene, .*: give device"):
+    with pytest.raises(HarvesterError, match=r"overrides: is for a scene, .*: give device"):
         harvester.spectrum(folder / "white.npy", overrides=louder)
     with pytest.raises(HarvesterError, match=r"8e\+14 values .* at most 1.25e\+06"):
         harvester.spectrum("device", duration=1e12)
