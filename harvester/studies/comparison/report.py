@@ -28,6 +28,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
+from harvester.statistics.estimate import RESOLVED_SHARE
 from harvester.studies.comparison.excitation_drawing import draw_spectrum
 
 if TYPE_CHECKING:
@@ -176,6 +177,10 @@ def _draw_waveforms(top, middle, bottom, comparison):
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
     difference = (difference - reference.displacement)[knots]
     bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
+    # A difference below the solver's tolerance is drawn as zero.
+    resolved = RESOLVED_SHARE * float(np.abs(reference.displacement).max(initial=0.0))
+    if float(np.abs(difference).max(initial=0.0)) < resolved:
+        bottom.set_ylim(-resolved, resolved)
     unit = axis_label(comparison.circuit, "displacement").partition(" ")[2]
     bottom.set_ylabel(f"difference\n{unit}")
     bottom.set_title("displacement, circuit − Monte Carlo")
