@@ -27,6 +27,10 @@ FAINT_OUTPUT = 1e-5
 # standard error. The error bar of a store that discharges once is too large, so the error is
 # ignored above the second share.
 DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
+START_CHARGED = (
+    "start the stores at their steady voltage (ic=VOLTS in the line of the capacitor; a library "
+    "load has the parameter initial)"
+)
 
 
 def fed_by_stores(estimates: dict[str, Estimate]) -> str:
@@ -54,8 +58,8 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     """A note if the load's stores feed an output."""
     fed = fed_by_stores(estimates)
-    advice = "raise run.settle, or start them nearer to their steady state by ic="
-    return (f"{fed}: {advice}",) if fed else ()
+    advice = "the stores discharge during the measured time: raise run.settle, or"
+    return (f"{fed}; {advice} {START_CHARGED}",) if fed else ()
 
 
 def efficiency_notes(
