@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from harvester.base.tables import require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
-from harvester.results.panels import Panel, Series, draw_panels, is_wide
+from harvester.results.panels import Panel, Series, draw_panels, is_wide, label_words
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_label, value_words
+from harvester.scene.tables import key_column, key_words, value_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 
@@ -378,14 +379,21 @@ def _panel(sweep, name, along, other):
         factor, unit = 100.0, "%"
     else:
         factor, unit = prefixed(max((abs(mean.estimate) for mean in means), default=0.0), unit)
-    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    named = _has_words(x)
+    places = range(len(x)) if named else x
+    series = [
+        _series(sweep, name, places, rows[:, k], k, factor) for k in range(len(sweep.methods))
+    ]
     label = f"{name.replace('_', ' ')} [{unit or '1'}]"
+    x_label, x_unit = key_words(key, sweep.scene.units) if key else ("", None)
     return Panel(
-        key_label(key, sweep.scene.units) if key else "",
+        x_label,
         label,
         series,
         ", ".join(words),
-        log_x=not _has_words(x) and is_wide(x),
+        log_x=not named and is_wide(x),
+        more=partial(label_words, words=[*map(in_words, x)]) if named else None,
+        x_unit=None if named else x_unit,
     )
 
 

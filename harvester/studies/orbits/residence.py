@@ -35,7 +35,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, spacing_of
-from harvester.scene.tables import key_column, key_label, value_words
+from harvester.scene.tables import key_column, key_label, key_words, value_words
 from harvester.statistics.batch_means import RAISED
 from harvester.statistics.estimate import Estimate
 
@@ -402,8 +402,10 @@ def _draw(residence):
             x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
             series.append(Series(x, y, "Kramers", colour, "--"))
     values = [stay.value for stay in residence.stays]
-    label = key_label(residence.key, residence.scene.units)
-    panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
+    label, unit = key_words(residence.key, residence.scene.units)
+    panel = Panel(
+        label, "residence time [s]", series, log_x=is_wide(values), log_y=True, x_unit=unit
+    )
     title = f"{residence.scene.name}: mean time in a well (bars: two standard errors; hollow: none)"
     return draw_panels([panel], title, size=(4.0, 3.0))
 
