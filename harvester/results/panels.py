@@ -173,9 +173,9 @@ def set_title(figure: Figure, title: str) -> None:
 
 def label_words(axes: Axes, words: Sequence[str]) -> None:
     """Label the positions 0, 1, … with words, tilted if they would overlap."""
-    width = axes.get_window_extent().width / axes.get_figure().dpi
+    width = axes.get_window_extent().width / axes.figure.dpi
     tilted = LETTER * (2 + max(map(len, words))) > width / len(words)
-    style = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if tilted else {}
+    style: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if tilted else {}
     axes.set_xticks(range(len(words)), words, **style)
 
 

@@ -38,9 +38,8 @@ def scene_of(scene: SceneOrName, overrides: Any = ()) -> Scene:
     """
     from harvester.scene.model import Scene
 
-    if isinstance(scene, Scene) and not overrides:
-        return scene
-    return Scene.read(scene, overrides)
+    source: Any = scene
+    return source if isinstance(scene, Scene) and not overrides else Scene.read(source, overrides)
 
 
 @contextlib.contextmanager
