@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from circuits.netlist.supplies import unbooked
-from harvester.base.formatting import quantity
+from harvester.base.formatting import number, quantity
 from harvester.statistics.estimate import Estimate
 
 # Prefix of the names of powers from a load's sources.
@@ -52,14 +52,19 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
         share, origin = 1.0 - max(load.estimate, 0.0) / power, "within the load"
     else:
         return ""
-    return f"{100.0 * share:.2g} % of the output power comes from {origin}, not from the device"
+    percent = number(100.0 * share, 2)
+    return f"{percent} % of the output power comes from {origin}, not from the device"
 
 
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     """A note if the load's stores feed an output."""
     fed = fed_by_stores(estimates)
-    advice = "the stores discharge during the measured time: raise run.settle, or"
-    return (f"{fed}; {advice} {START_CHARGED}",) if fed else ()
+    if not fed:
+        return ()
+    advice = f"the stores discharge during the measured time: raise run.settle, or {START_CHARGED}"
+    if "within" in fed:
+        advice = "check its sources, its values below 0 and capacitors with an expression as value"
+    return (f"{fed}; {advice}",)
 
 
 def efficiency_notes(
