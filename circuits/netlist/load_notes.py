@@ -6,7 +6,7 @@ import math
 
 from circuits.netlist.expression import leaves
 from circuits.netlist.kinds import OUTPUT
-from circuits.netlist.load_circuit import LoadCircuit
+from circuits.netlist.load_circuit import OUTPUT_PINS, LoadCircuit
 from harvester.base.errors import LoadError
 from harvester.device.terminals import GROUND
 
@@ -19,6 +19,8 @@ LEAST_TURN = 1e-8
 # Time (s) on one core per period of a load's clock in each engine, measured on a bridge with a
 # one-switch buck converter at 50 kHz: 14 steps of Monte Carlo per period, 140 of ngspice.
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
+# Maximum number of elements that a note names.
+MOST_PLACES = 3
 # Run time of a realization, in seconds, above which a note states it.
 LONG = 60.0
 
@@ -32,6 +34,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
         if element.is_smooth_switch
     ]
     notes += [load.ambiguity] if load.ambiguity else []
+    notes += _ground_notes(load)
     outputs = [part for part in load.across_output if part.letter == "r"]
     if load.has_output and not outputs and all(measure.kind != OUTPUT for measure in load.measures):
         notes.append(
@@ -59,6 +62,26 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
             f"({load.self_oscillation.unknown}): compare with shorter steps"
         )
     return tuple(notes)
+
+
+def _ground_notes(load):
+    """A note on elements at node 0, and on voltages of the output against it."""
+    to_ground = ("v", OUTPUT_PINS[0], GROUND)
+    places = [
+        part.place
+        for part in load.elements
+        if GROUND in part.ends or (load.has_output and to_ground in leaves(part.expression))
+    ]
+    if not places or load.resistance:
+        return []
+    remedy = "write ref for the ground of the output, v(out,ref) for its voltage, or n"
+    if not load.has_output:
+        remedy = "write n, or another name for the ground of an inner DC side"
+    more = f" and {len(places) - MOST_PLACES} more" if len(places) > MOST_PLACES else ""
+    return [
+        f"node 0 in {', '.join(places[:MOST_PLACES])}{more} is the pin n, a terminal of the "
+        f"transducer: {remedy}"
+    ]
 
 
 def _fed_back(load, source):

@@ -301,6 +301,8 @@ def _across_output(top, parts, measures):
         refuse(
             top.card,
             "no resistor or capacitor is across out and ref, and no measure is an output: "
-            "nothing to harvest",
+            "nothing to harvest"
+            + "; node 0 is the pin n: write ref"
+            * any(GROUND in part.ends for part in parts),
         )
     return across

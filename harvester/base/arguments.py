@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError, UnknownOption, UnknownQuantity
@@ -153,22 +153,6 @@ def check_name(what: str, name: str, known: Collection[str]) -> str:
     if name not in known:
         raise unknown(f"unknown {what}", name, known)
     return name
-
-
-def key_and_values(
-    over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
-) -> tuple[str, tuple[float, ...]]:
-    """The key and the values of a grid over one key; raises HarvesterError."""
-    if isinstance(over, Mapping) and len(over) == 1 and values is None:
-        ((key, levels),) = over.items()
-        return key, real_numbers(levels, f"over[{shown(key)}]", "[0.1, 0.2]")
-    if isinstance(over, str) and values is not None:
-        return over, real_numbers(values, "values", "[0.1, 0.2]")
-    raise HarvesterError(
-        f"--over: {shown(over)}: give one key with its values, "
-        "over={'excitation.amplitude': [1.0, 2.0]}; on the command line its name and the option "
-        "`values`"
-    )
 
 
 def check_processes(options: Mapping[str, Any]) -> None:

@@ -27,7 +27,7 @@ LONGEST_NUMBER_BITS = 128
 # Limits on compared words: the time is proportional to the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
 # Smallest share of common letters for which a valid word is suggested.
-LEAST_COMMON_SHARE = 0.5
+LEAST_COMMON_SHARE = 0.6
 
 
 def one_line(text: object) -> str:
@@ -119,16 +119,19 @@ def named(name: object) -> str:
 def nearest(word: object, known: Iterable[str]) -> str:
     """ " (did you mean …?)" if a known word is similar, else "".
 
-    The last part of a dotted key is also compared.
+    The last part of a dotted key is also compared. The hyphens of options are not.
 
     >>> nearest("resistanze", ["resistance", "decay_rate"]), nearest("seed", ["run.seed", "scheme"])
     (' (did you mean resistance?)', ' (did you mean run.seed?)')
+    >>> nearest("--st", ["--set"]), nearest("--set", ["--quiet"])
+    (' (did you mean --set?)', '')
     """
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
     near = [candidate for candidate in known if len(candidate) <= 2 * LONGEST_MISSPELT]
     near = near[:MOST_COMPARED]
     meant = {candidate.rpartition(".")[2]: candidate for candidate in reversed(near)}
-    meant |= {candidate: candidate for candidate in near}
+    meant |= {candidate.lstrip("-"): candidate for candidate in near}
+    word = word.lstrip("-")
     close = difflib.get_close_matches(word, meant, n=1, cutoff=LEAST_COMMON_SHARE)
     return f" (did you mean {named(meant[close[0]][:LONGEST_SHOWN])}?)" if close else ""

@@ -19,6 +19,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
+from harvester.base.arguments import real_numbers
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
 from harvester.base.numbers import is_real, is_whole, number, on_quotes
@@ -99,6 +100,12 @@ def pair_of(read: Callable[[str], Any], alone: bool = False) -> Callable[[str], 
     return pair
 
 
+def key_or_grid_of(text: str) -> dict[str, list[float]] | str:
+    """Return the key of TABLE.KEY, or the dictionary of TABLE.KEY=LIST."""
+    key, grid = pair_of(grid_of, alone=True)(text)
+    return {key: grid} if grid else key
+
+
 def range_of(text: str) -> tuple[float, float]:
     low, high = map(number, text.split(":"))
     return low, high
@@ -164,7 +171,9 @@ Grids = Annotated[
     Mapping[str, Sequence[float]],
     Kind("TABLE.KEY=LIST", BY_KEY, option="sweep", read=pair_of(grid_of), join=by_key),
 ]
-OneKey = Annotated[Mapping[str, Sequence[float]] | str, Kind("TABLE.KEY")]
+OneKey = Annotated[
+    Mapping[str, Sequence[float]] | str, Kind("TABLE.KEY[=LIST]", BY_KEY, read=key_or_grid_of)
+]
 Over = Annotated[
     Mapping[str, Sequence[float | str]],
     Kind(
@@ -310,6 +319,21 @@ def options_of(function: Callable) -> dict[str, Option]:
         else:
             options[name] = Option.of(name, annotation, parameter.default, parameter.kind)
     return options
+
+
+def key_and_values(
+    over: Mapping[str, Sequence[float]] | str, values: Sequence[float] | None
+) -> tuple[str, tuple[float, ...]]:
+    """The key and the values of a grid over one key; raises HarvesterError."""
+    if isinstance(over, Mapping) and len(over) == 1 and values is None:
+        ((key, levels),) = over.items()
+        return key, real_numbers(levels, f"over[{key!r}]", "[0.1, 0.2]")
+    if isinstance(over, str) and values is not None:
+        return over, real_numbers(values, "values", "[0.1, 0.2]")
+    written = "over={'excitation.amplitude': [1.0, 2.0]}"
+    if AT_COMMAND_LINE.get():
+        written = "--over excitation.amplitude=1:2:linear:5, or without the list and with --values"
+    raise HarvesterError(f"--over {shown(over)}: give one key with its values, {written}")
 
 
 def check_options(function: Callable, values: Mapping[str, Any]) -> None:

@@ -29,7 +29,7 @@ DEFINITIONS = {
     "with mean power and mean loss power it adds up to the mean input power",
     "stored_energy": "of all capacitors and coils of the load, plus the charge of batteries in the "
     "measured time",
-    "stored_energy_per_hour": "the mean storage power of the measured time, times an hour",
+    "stored_energy_per_hour": "the mean storage power times an hour, if the stores hold as much",
 }
 
 

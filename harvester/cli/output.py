@@ -30,8 +30,6 @@ def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
             yield runner
             for line in runner.warnings:
                 print_error(line)
-            if runner.out_of_time:
-                print_error("the time budget was spent: repeat the same command to continue")
     except KeyboardInterrupt as interrupt:
         hint = "the same command continues from finished answers" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None

@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from typing import Literal
 
 from harvester.base.arguments import check_processes, checked_progress
-from harvester.base.errors import HarvesterError
+from harvester.base.errors import HarvesterError, OutOfTime
 from harvester.base.libraries import optional_library
 from harvester.base.signatures import Count, Folder, RunnerOptions, Seconds, check_options
 from harvester.base.worker_pool import ExecutorPool, WorkerPool, processes
@@ -74,7 +74,12 @@ def open_runner(
         held(output) if output else contextlib.nullcontext() as folder,
         _pool(workers, executor, scheduler) as pool,
     ):
-        yield Runner(pool, folder, deadline, time_limit, report)
+        opened = Runner(pool, folder, deadline, time_limit, report)
+        try:
+            yield opened
+        except OutOfTime as error:
+            error.args = (f"{error}: {opened.remedy}", *error.args[1:])
+            raise
 
 
 @contextlib.contextmanager

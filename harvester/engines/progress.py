@@ -97,6 +97,11 @@ class Progress:
         of_budget = min((time.monotonic() - self._began) / budget, MOST_OF_BUDGET)
         self.report(max(self._share, of_budget), f"{self._ended} of {self._plans}")
 
+    def longest_task(self) -> float:
+        """Expected seconds of the slowest running task, counted from the list's beginning."""
+        least = min((share for _, share in [*self._running.values()] if share), default=math.inf)
+        return (time.monotonic() - self._began) / least
+
     def _mean(self, label):
         """Mean seconds of a task with this label; over all labels if it is new."""
         if self._count[label]:

@@ -11,10 +11,11 @@ from concurrent.futures import CancelledError
 from functools import partial
 
 from harvester.base.errors import HarvesterError
+from harvester.base.formatting import number
 from harvester.base.worker_pool import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.engines.folder import StudyFolder
 from harvester.engines.progress import Progress, Stages
-from harvester.engines.request import Answer, Request, answering
+from harvester.engines.request import OUT_OF_TIME, Answer, Request, answering
 from harvester.engines.simulate import TIME_LIMIT
 from harvester.engines.store import MISSING, AnswerStore
 from harvester.engines.task import Task, Wanted, compute
@@ -56,6 +57,7 @@ class Runner:
         self.out_of_time = False
         self._store, self._deadline = AnswerStore(folder), deadline
         self._overrun = OVERRUN * (deadline - time.monotonic())
+        self._longest_task = 0.0
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()
         self._reused: set[str] = set()
@@ -81,8 +83,8 @@ class Runner:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings on invalid stored answers, on results that were not stored, and on a folder that
-        cannot be locked."""
+        """Warnings on invalid stored answers, on results that were not stored, on a folder that
+        cannot be locked, and on a time budget that was spent."""
         lines = list(self._store.refused.values())
         if len(lines) > MOST_NAMED:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
@@ -91,7 +93,20 @@ class Runner:
                 f"{self._store.passing} tasks gave no result to store (because of a limit, the "
                 "machine, a missing program or file): run the same command to compute them again"
             )
+        if self.out_of_time:
+            lines.append(f"{OUT_OF_TIME}: {self.remedy}")
         return [*(self.folder.notes if self.folder else ()), *lines]
+
+    @property
+    def remedy(self) -> str:
+        """What to do if the time budget was spent."""
+        if not self.computed:
+            seconds = self._longest_task
+            needs = f"; one takes about {number(seconds, 2)} s" if seconds else ""
+            return f"no task was finished{needs}; give a longer time budget"
+        if self.folder:
+            return "repeat the same command or call to continue"
+        return "give a longer one, or an output folder from which the next call continues"
 
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
@@ -271,6 +286,8 @@ class _Following:
         running, self._futures = self._futures, {}
         if running:
             self._runner.out_of_time = True
+            longest = self._progress.longest_task()
+            self._runner._longest_task = max(self._runner._longest_task, longest)
             self._runner.pool.interrupt()
         for task in running.values():
             self._settle(task, None, 0.0)

@@ -78,6 +78,11 @@ def _folded(summary, content, is_open=False):
     )
 
 
+def listing(text: str, name: str) -> str:
+    """The text of a file, folded under its name."""
+    return _folded(name, wide(f"<pre>{html.escape(text)}</pre>"))
+
+
 def _escaped(text):
     return html.escape(one_line(text))
 

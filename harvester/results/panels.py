@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.base.formatting import engineering
+from harvester.base.formatting import engineering, number, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,8 +20,8 @@ COLUMNS = 3
 LEGEND_COLUMNS = 5
 # Width (inches) of a legend entry's mark, and of one letter in the project's style.
 MARK, LETTER = 0.6, 0.075
-# An axis is logarithmic if its values span at least this ratio; else it would have too few labels.
-WIDE_RATIO = 10.0
+# A logarithmic axis spans at least this ratio; else it would have too few labels.
+WIDE_RATIO = 4.0
 # Below this ratio of its limits, a logarithmic axis also has labels between its decades.
 FEW_DECADES = 100.0
 # Labels between these two values are printed without a power of ten.
@@ -81,6 +82,9 @@ class Panel:
         Whether the y axis begins at 0.
     more : callable or None
         Function of the axes that draws anything else.
+    x_unit : str or None
+        Unit of x, which gets a prefix by the size of x; "": none, and x is labelled as in SPICE.
+        None: the label has the unit.
     """
 
     x_label: str
@@ -91,12 +95,16 @@ class Panel:
     log_y: bool = False
     from_zero: bool = False
     more: Callable[[Axes], object] | None = None
+    x_unit: str | None = None
 
 
 def is_wide(values: Iterable[float]) -> bool:
-    """Whether values span a range wide enough for a logarithmic axis."""
-    values = list(values)
-    return min(values) > 0.0 and max(values) >= WIDE_RATIO * min(values)
+    """Whether a logarithmic axis suits values: they are spaced geometrically over a wide range."""
+    values = np.unique([*values])
+    if values[0] <= 0.0 or values[-1] < WIDE_RATIO * values[0]:
+        return False
+    linear, logarithmic = (np.diff(places) for places in (values, np.log(values)))
+    return np.ptp(logarithmic) / logarithmic.mean() <= np.ptp(linear) / linear.mean()
 
 
 def draw_panels(
@@ -163,8 +171,33 @@ def set_title(figure: Figure, title: str) -> None:
     figure.suptitle(title, x=0.01, ha="left", fontsize=9, wrap=True)
 
 
+def label_words(axes: Axes, words: Sequence[str]) -> None:
+    """Label the positions 0, 1, … with words, tilted if they would overlap."""
+    width = axes.get_window_extent().width / axes.figure.dpi
+    tilted = LETTER * (2 + max(map(len, words))) > width / len(words)
+    style: Any = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if tilted else {}
+    axes.set_xticks(range(len(words)), words, **style)
+
+
+def _in_units(axes, unit):
+    """Label the positions on the x axis in a prefixed unit; return this unit."""
+    from matplotlib.ticker import FuncFormatter
+
+    low, high = axes.dataLim.intervalx
+    # Limits without data are infinite.
+    is_log = axes.get_xscale() == "log" and 0.0 < low < math.inf
+    factor, printed = prefixed(math.sqrt(low * high) if is_log else max(-low, high), unit)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: _position(factor * x, unit)))
+    return printed
+
+
+def _position(value, unit):
+    text = number(value, 6) if unit else engineering(value)
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
 def thin_ticks(axes: Axes) -> None:
-    """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5.
+    """Label a logarithmic axis at decades, over less than two also at 2 and 5, of one also at 3.
 
     Values on an x axis are printed like those of components: 20k, 10u.
     """
@@ -176,7 +209,8 @@ def thin_ticks(axes: Axes) -> None:
         low, high = axis.get_view_interval()
         axis.set_minor_formatter(NullFormatter())
         if high < FEW_DECADES * low:
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            subs = (1.0, 2.0, 3.0, 5.0) if high < 10.0 * low else (1.0, 2.0, 5.0)
+            axis.set_major_locator(LogLocator(subs=subs))
             axis.set_major_formatter(FuncFormatter(lambda x, _, text=text: text(x)))
 
 
@@ -201,7 +235,11 @@ def _draw_panel(axes, panel):
     thin_ticks(axes)
     if panel.from_zero:
         axes.set_ylim(bottom=0.0)
-    axes.set_xlabel(panel.x_label)
+    label = panel.x_label
+    if panel.x_unit is not None:
+        unit = _in_units(axes, panel.x_unit.removeprefix("1"))
+        label += f" [{unit}]" if label and unit else ""
+    axes.set_xlabel(label)
     axes.set_ylabel(panel.y_label)
     axes.set_title(panel.title)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from harvester.results.page import (
     all_facts,
+    listing,
     page,
     table_in_pages,
     table_of,
@@ -20,7 +21,7 @@ def page_of(result: ResultBase, title: str) -> str:
     view = result.view()
     if view.page:
         return view.page()
-    scene = result.scene
+    scene, scenes = result.scene, result.scenes
     sections = {
         "Result": verdict_list(verdicts(view)),
         "Numbers": table_in_pages(*view.table),
@@ -28,8 +29,10 @@ def page_of(result: ResultBase, title: str) -> str:
         "How the numbers were obtained": all_facts(view.findings),
     }
     about = ""
-    if scene is not None:
+    if scene is not None and scenes:
         title = f"{scene.name}: {title}"
         about = f"seed {scene.run.seed}; scene {scene.digest()[:12]}"
-        sections["Scene"] = wide(table_of(("key", "value"), scene_rows(scene), "text"))
+        sections["Scene"] = wide(table_of(("key", "value"), scene_rows(scenes), "text"))
+        circuits = {s.load.circuit.text: s.load.circuit.file for s in scenes if s.load.circuit}
+        sections["Netlist"] = "\n".join(listing(*pair) for pair in circuits.items())
     return page(title, about, {name: html for name, html in sections.items() if html})

@@ -150,6 +150,11 @@ class ResultBase(ABC):
         def scene(self) -> Scene | None:
             """The scene of the result; None if there are several."""
 
+    @property
+    def scenes(self) -> Sequence[Scene]:
+        """The scenes that were simulated."""
+        return [self.scene] if self.scene else []
+
     @abstractmethod
     def view(self) -> View:
         """Table, findings and pictures of the result."""

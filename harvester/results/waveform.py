@@ -15,6 +15,7 @@ from harvester.device.record import Record
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
+from harvester.statistics.estimate import RESOLVED_SHARE
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
 
 # Size of a panel, in inches.
 SIZE = 5.8, 1.3
-# Columns that differ by at most this share of their size are drawn once. A column that varies by
-# less is drawn as a constant, since the variation is round-off.
+# Columns that differ by at most this share of their size are drawn once.
 SAME = 1e-9
 # A column that varies by a smaller share of its mean is drawn as the deviation from the mean.
 DEVIATION = 1e-3
@@ -145,14 +145,24 @@ def _current(record: Record) -> np.ndarray:
 
 
 def draw(waveform: Waveform) -> Figure:
-    """Draw every column over time except the velocity, which follows from the displacement."""
+    """Draw every column over time except the velocity, which follows from the displacement.
+
+    A column that varies by less than the solver's tolerance is drawn as a constant.
+    """
     panels = []
+    sizes: dict[str, float] = {}
+    for name, values in waveform.columns.items():
+        unit, size = waveform.units[name], float(np.abs(values).max(initial=0.0))
+        sizes[unit] = max(sizes.get(unit, 0.0), size)
     for words, name in _drawn_once(waveform).items():
         values, unit = waveform.columns[name], waveform.units[name]
         middle = float(values.mean()) if values.size else 0.0
         spread = float(np.ptp(values)) if values.size else 0.0
-        if 0.0 < spread <= SAME * abs(middle):
-            words, values = f"{words}\n(constant)", np.full_like(values, middle)
+        resolved = RESOLVED_SHARE * sizes[unit]
+        if 0.0 < spread <= resolved:
+            constant = middle if abs(middle) > resolved else 0.0
+            words = f"{words}\n(constant to\n{quantity(resolved, unit, 2)})"
+            values = np.full_like(values, constant)
         elif 0.0 < spread < DEVIATION * abs(middle):
             sign = "−" if middle > 0.0 else "+"
             words, values = f"{words}\n{sign} {quantity(abs(middle), unit, 7)}", values - middle

@@ -29,8 +29,8 @@ Options = ParamSpec("Options")
 Answer = TypeVar("Answer")
 
 
-def scene_of(scene: SceneOrName) -> Scene:
-    """A scene unchanged, or read from its file or by its built-in name.
+def scene_of(scene: SceneOrName, overrides: Any = ()) -> Scene:
+    """A scene unchanged, or read from its file or by its built-in name, with `overrides`.
 
     Raises
     ------
@@ -38,7 +38,8 @@ def scene_of(scene: SceneOrName) -> Scene:
     """
     from harvester.scene.model import Scene
 
-    return scene if isinstance(scene, Scene) else Scene.read(scene)
+    source: Any = scene
+    return source if isinstance(scene, Scene) and not overrides else Scene.read(source, overrides)
 
 
 @contextlib.contextmanager

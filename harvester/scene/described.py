@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.formatting import quantity
@@ -14,6 +15,9 @@ from harvester.scene.units import rest_stiffness
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
+
+# Maximum number of values of a key that are listed.
+MOST_VALUES = 8
 
 
 def device_line(scene: Scene) -> tuple[str, ...]:
@@ -63,15 +67,26 @@ def _wells(scene):
     return [f"wells at {positions}", f"barriers out of them {heights}"]
 
 
-def scene_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Every key of a scene and its value as text, with the unit if it is known."""
-
-    rows = []
-    for table, values in scene.to_tables().items():
-        pairs = values.items() if isinstance(values, dict) else [(None, values)]
-        for key, value in pairs:
+def scene_rows(scenes: Sequence[Scene]) -> list[tuple[str, str]]:
+    """Every key of the scenes and its values as text, with the unit if it is known."""
+    texts: dict[str, dict[str, None]] = {}
+    for scene in scenes:
+        for name, value in _entries("", scene.to_tables()):
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            name = f"{table}.{key}" if key else table
-            unit = key_words(name, scene.units)[1]
-            rows.append((name, f"{text} {unit}" if unit not in ("", "1") else text))
+            texts.setdefault(name, {})[text] = None
+    rows = []
+    for name, values in texts.items():
+        words, unit = [*values], key_words(name, scenes[0].units)[1]
+        if len(words) > MOST_VALUES:
+            words[1:-1] = [f"… ({len(words)} values) …"]
+        rows.append((name, ", ".join(words) + f" {unit}" * (unit not in ("", "1"))))
     return rows
+
+
+def _entries(name, value):
+    """Yield the dotted key and the value of every entry of nested tables."""
+    if not isinstance(value, dict):
+        yield name, value
+        return
+    for key, entry in value.items():
+        yield from _entries(f"{name}.{key}" if name else key, entry)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, STORE, SUPPLY
+from harvester.base.formatting import number
 from harvester.statistics.agreement import differ
 from harvester.statistics.batch_means import (
     FEWEST_BATCHES,
@@ -66,6 +67,7 @@ RATIOS = {
     "end_to_end_efficiency": "1",
     "output_voltage": "voltage",
 }
+_NOTHING_STORED = Estimate(0.0, None, None, "energy")
 
 
 def estimate_output(
@@ -128,7 +130,10 @@ def estimate_output(
     estimates |= _stored_energies(moments, time, error_of)
     storage = estimates["mean_storage_power"]
     # The energy per hour is a forecast, so its error includes the error due to the single path.
-    estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time)
+    is_battery = _taken_by_batteries(moments, time).any()
+    final_energy = estimates.get("final_stored_energy", _NOTHING_STORED).estimate
+    held = math.inf if is_battery else final_energy
+    estimates["stored_energy_per_hour"] = _per_hour(storage, stored, time, held)
     if storage.note != ROUNDED_OFF:
         storage = ratio_estimate(stored, time, "power", error_of=error_of_change)
     estimates["mean_storage_power"] = storage
@@ -158,8 +163,15 @@ def _resolved(estimate, upper, lower, least):
     return estimate
 
 
-def _per_hour(storage, stored, time):
-    """Energy stored per hour; NaN if the two halves of the run store at different rates."""
+def _per_hour(storage, stored, time, held):
+    """Energy stored per hour; NaN if this rate cannot last for an hour.
+
+    It cannot if the two halves of the run store at different rates, or if the energy of an hour
+    exceeds the energy `held` by the stores, since their power depends on their voltage.
+    """
+    hour = replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
+    if storage.note == ROUNDED_OFF:
+        return hour
     half = time.shape[1] // 2
     early, late = (
         float(stored[:, part].sum() / time[:, part].sum()) if half else storage.estimate
@@ -167,7 +179,7 @@ def _per_hour(storage, stored, time):
     )
     error, negligible = storage.standard_error or 0.0, UNEVEN_SHARE * abs(storage.estimate)
     uneven = differ(late - early, error, negligible=negligible, sigmas=UNEVEN_SIGMAS)
-    if uneven and storage.note != ROUNDED_OFF:
+    if uneven:
         length = float(time.sum(axis=1).mean())
         change = abs(late - early) / max(abs(late), abs(early))
         note = (
@@ -175,7 +187,15 @@ def _per_hour(storage, stored, time):
             f"s differ by {change:.0%} of the larger one, so an hour cannot be extrapolated"
         )
         return Estimate(math.nan, None, None, "hourly_energy", note)
-    return replace(storage.times(SECONDS_PER_HOUR), dimension="hourly_energy")
+    change = abs(hour.estimate) + (hour.standard_error or 0.0)
+    if change > held:
+        times = f"{number(change / held, 2)} times " if held else "more than "
+        note = (
+            f"not extrapolated: the mean storage power of an hour, error included, is {times}the "
+            "energy that the stores hold at the end"
+        )
+        return Estimate(math.nan, None, None, "hourly_energy", note)
+    return hour
 
 
 def _stored_energies(moments, time, error_of):

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from circuits.netlist.supplies import unbooked
-from harvester.base.formatting import quantity
+from harvester.base.formatting import number, quantity
 from harvester.statistics.estimate import Estimate
 
 # Prefix of the names of powers from a load's sources.
@@ -27,6 +27,10 @@ FAINT_OUTPUT = 1e-5
 # standard error. The error bar of a store that discharges once is too large, so the error is
 # ignored above the second share.
 DRAWN_SHARE, MOST_DRAWN = 0.01, 0.1
+START_CHARGED = (
+    "start the stores at their steady voltage (ic=VOLTS in the line of the capacitor; a library "
+    "load has the parameter initial)"
+)
 
 
 def fed_by_stores(estimates: dict[str, Estimate]) -> str:
@@ -48,14 +52,19 @@ def fed_by_stores(estimates: dict[str, Estimate]) -> str:
         share, origin = 1.0 - max(load.estimate, 0.0) / power, "within the load"
     else:
         return ""
-    return f"{100.0 * share:.2g} % of the output power comes from {origin}, not from the device"
+    percent = number(100.0 * share, 2)
+    return f"{percent} % of the output power comes from {origin}, not from the device"
 
 
 def store_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     """A note if the load's stores feed an output."""
     fed = fed_by_stores(estimates)
-    advice = "raise run.settle, or start them nearer to their steady state by ic="
-    return (f"{fed}: {advice}",) if fed else ()
+    if not fed:
+        return ()
+    advice = f"the stores discharge during the measured time: raise run.settle, or {START_CHARGED}"
+    if "within" in fed:
+        advice = "check its sources, its values below 0 and capacitors with an expression as value"
+    return (f"{fed}; {advice}",)
 
 
 def efficiency_notes(

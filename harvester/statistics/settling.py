@@ -34,6 +34,7 @@ from harvester.statistics.estimate import OF_THE_VALUE, TOO_SHORT
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_side import output_ramp
+from harvester.statistics.passivity import START_CHARGED
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
 if TYPE_CHECKING:
@@ -152,13 +153,15 @@ def withheld(estimates: dict[str, Estimate], shortfalls: list[Shortfall]) -> dic
     result = dict(estimates)
     for shortfall in reversed(shortfalls):
         for name in result if shortfall.names is None else shortfall.names:
-            if name in result and result[name].note not in OF_THE_VALUE:
-                result[name] = replace(
-                    result[name],
-                    standard_error=None,
-                    effective_sample_size=None,
-                    note=f"no error bar: {shortfall.reason}",
-                )
+            estimate = result.get(name)
+            if not estimate or math.isnan(estimate.estimate) or estimate.note in OF_THE_VALUE:
+                continue
+            result[name] = replace(
+                estimate,
+                standard_error=None,
+                effective_sample_size=None,
+                note=f"no error bar: {shortfall.reason}",
+            )
     return result
 
 
@@ -378,8 +381,8 @@ def _storage(scene, stores, estimates):
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
-            f"{away}steady state, which affects all means; raise run.settle{longest}, or start the "
-            "store nearer to this state by ic=",
+            f"{away}steady state, which affects all means; raise run.settle{longest}, or "
+            + START_CHARGED,
         )
     if not scene.excitation.random:
         return None
@@ -534,7 +537,7 @@ def _ramp(moments, estimates):
     return Shortfall(
         f"the output voltage {'rises' if share > 0.0 else 'falls'} throughout the measured time",
         f"it changes by {share:+.2g} of its mean from the first to the last eighth; raise "
-        "run.settle, or start its stores nearer to their steady state by ic=",
+        f"run.settle, or {START_CHARGED}",
         QUANTITIES_OF_THE_OUTPUT,
     )
 

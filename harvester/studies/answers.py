@@ -13,7 +13,7 @@ from harvester.base.method import Method
 from harvester.engines.methods import Circuit, Engine, MonteCarlo, method_of
 from harvester.engines.orbits import note_on_one_start, with_orbit
 from harvester.engines.realization import quantity_names
-from harvester.engines.request import COMPLETE, Request
+from harvester.engines.request import COMPLETE, OUT_OF_TIME, Request
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import fixes_knots, resolving, spacing_of
@@ -24,8 +24,6 @@ from harvester.statistics.strain import without_line
 # Number of random starts at an optimum without noise. An orbit that a quarter of all starts reach
 # is missed with a probability of 1 %.
 STARTS = 16
-
-SPENT = "time budget spent: with an output folder, repeat the command or call to continue"
 
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
@@ -84,7 +82,7 @@ def successful(outcomes: Sequence) -> Sequence:
     """Return the outcomes of runs; raise the error of a failed one, OutOfTime for a missing one."""
     for outcome in outcomes:
         if outcome is None or isinstance(outcome, HarvesterError):
-            raise outcome or OutOfTime(SPENT)
+            raise outcome or OutOfTime(OUT_OF_TIME)
     return outcomes
 
 
@@ -138,7 +136,7 @@ def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) ->
     """Answers of `engines.runner.Runner.answer` to requests; raise OutOfTime if one is missing."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
-        raise OutOfTime(SPENT)
+        raise OutOfTime(OUT_OF_TIME)
     return answers
 
 

@@ -215,7 +215,7 @@ def _with_storage(points):
         if "storage" in (load.parameters or {}) or not {"storage", "resistance"} <= {*values}:
             continue
         fitting = settle / CHARGING_TIMES / values["resistance"]
-        if fitting < values["storage"]:
+        if 0.0 < fitting < values["storage"]:
             scene = point.scene.replace({"load.parameters.storage": fitting})
             points[k] = GridPoint(point.load, point.place, scene)
             changed.append(point.load)

@@ -31,6 +31,7 @@ from harvester.base.signatures import (
     MethodOrName,
     Methods,
     Over,
+    Overrides,
     Quantities,
     Ranges,
     RunnerOptions,
@@ -253,6 +254,7 @@ def spectrum(
     source: Annotated[Any, Kind("FILE")],
     /,
     *,
+    overrides: Overrides = (),
     device: Annotated[Any, Kind("FILE")] | None = None,
     column: str | None = None,
     unit: str | None = None,
@@ -268,6 +270,8 @@ def spectrum(
     ----------
     source : Scene, str or Path
         A scene, its file (.toml) or its built-in name; else a record's file.
+    overrides : sequence of str or dict
+        Override a value of the scene, or of the device of a record; TABLE=none removes a table.
     device : Scene, str, Path or None
         For a record: the scene of the device whose resonance is evaluated.
     column : str or None
@@ -309,13 +313,15 @@ def spectrum(
                 raise HarvesterError(
                     f"{option}: is for a record, but {of_scene} is a scene: omit {option}"
                 )
-        return work.of_scene(scene_of(source), duration, resolution, breakpoints)
+        return work.of_scene(scene_of(source, overrides), duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is analysed completely")
     number: Any = int(column) if column is not None and column.isdigit() else column
     faults = [*listed(mend, "mend", 'mend=["nan"]', str)]
     keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": faults}
-    of_device = None if device is None else scene_of(device)
+    if overrides and device is None:
+        raise HarvesterError(f"--set: is for a scene, but {name} is a record: give --device")
+    of_device = None if device is None else scene_of(device, overrides)
     return work.of_record(name, keys, of_device, resolution, breakpoints)
 
 
@@ -398,6 +404,7 @@ def sweep(
         methods=labels,
         quantities=quantities,
         cells=cells.reshape(shape),
+        scenes=[point.scene for point in grid.points],
         notes=grid.notes,
         out_of_time=out_of_time,
         seconds=time.perf_counter() - clock,

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from harvester.base.tables import require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, OTHER_LINE, styles
-from harvester.results.panels import Panel, Series, draw_panels, is_wide
+from harvester.results.panels import Panel, Series, draw_panels, is_wide, label_words
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_label, value_words
+from harvester.scene.tables import key_column, key_words, value_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 
@@ -81,6 +82,8 @@ class Sweep(ResultBase):
         Whether the time budget ended the sweep: repeat the call with `output` to continue.
     seconds
         Wall-clock time of this call (s).
+    scenes
+        The scene of every point.
     """
 
     scene: Scene
@@ -91,6 +94,7 @@ class Sweep(ResultBase):
     notes: tuple[str, ...] = ()
     out_of_time: bool = False
     seconds: float = 0.0
+    scenes: Sequence[Scene] = field(default=(), repr=False)
 
     def places(self) -> Iterator[tuple[tuple, Cell]]:
         """Yield (value of each key, cell), with the method varying fastest."""
@@ -174,7 +178,6 @@ class Sweep(ResultBase):
     def _findings(self) -> list[str]:
         """Sentences on how the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        ended = ["the time budget was spent: repeat the call"] if self.out_of_time else []
         notes = placed_notes(
             (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
         )
@@ -182,7 +185,6 @@ class Sweep(ResultBase):
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
-            *ended,
             *notes_on_errors(self.methods),
             f"{', '.join(self.methods)}: {settings}, the same noise for all points; "
             f"{self.seconds:.1f} s",
@@ -376,14 +378,21 @@ def _panel(sweep, name, along, other):
         factor, unit = 100.0, "%"
     else:
         factor, unit = prefixed(max((abs(mean.estimate) for mean in means), default=0.0), unit)
-    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    named = _has_words(x)
+    places = range(len(x)) if named else x
+    series = [
+        _series(sweep, name, places, rows[:, k], k, factor) for k in range(len(sweep.methods))
+    ]
     label = f"{name.replace('_', ' ')} [{unit or '1'}]"
+    x_label, x_unit = key_words(key, sweep.scene.units) if key else ("", None)
     return Panel(
-        key_label(key, sweep.scene.units) if key else "",
+        x_label,
         label,
         series,
         ", ".join(words),
-        log_x=not _has_words(x) and is_wide(x),
+        log_x=not named and is_wide(x),
+        more=partial(label_words, words=[*map(in_words, x)]) if named else None,
+        x_unit=None if named else x_unit,
     )
 
 

@@ -235,9 +235,10 @@ class Comparison(ResultBase):
         """Sentences on the findings, one line each."""
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
-        bare = [name for name in self.compared if math.isnan(self.difference(name))]
+        judged = self._judged()
+        bare = [name for name in judged if math.isnan(self.difference(name))]
         # If no quantity has an error bar, the verdict reports this.
-        lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
+        lines += self.without_error_bar(bare) if len(bare) < len(judged) else []
         lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} expected by chance"
@@ -253,10 +254,10 @@ class Comparison(ResultBase):
 
     def verdict(self) -> Verdict:
         """One sentence on whether the engines agree."""
-        apart = {name: abs(self.difference(name)) for name in self.compared}
+        apart = {name: abs(self.difference(name)) for name in self._judged()}
         sigmas = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
         if not sigmas:
-            reasons = "; ".join(self.without_error_bar(self.compared))
+            reasons = "; ".join(self.without_error_bar(apart))
             return Verdict(f"The engines cannot be compared without error bars: {reasons}.", False)
         short = len(apart) - len(sigmas)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
@@ -289,6 +290,11 @@ class Comparison(ResultBase):
             tail = f"; on the same noise the {words(name)} differs most, by {bias}{tail}"
         return Verdict(f"{agreed} of {checked if unsharp else 'every quantity'}{tail}.", True)
 
+    def _judged(self):
+        """The compared quantities without the roots of those whose mean square is compared."""
+        roots = {name.replace("mean_square", "rms") for name in self.compared if "square" in name}
+        return [name for name in self.compared if name not in roots]
+
     def _is_sharp(self, name):
         """Whether the engines' difference, paired or not, is known to `SHARP_SHARE` or better."""
         paired = self.paired.get(name)
@@ -312,7 +318,8 @@ class Comparison(ResultBase):
     def not_applying(self) -> list[str]:
         """One line on closures that are not valid for the scene; empty if all are."""
         names: dict[str, list[str]] = {}
-        for name, reason in self.refused.items():
+        for name, message in self.refused.items():
+            reason = message.removeprefix(f"{self.scene.name}: ").removeprefix(f"{name}: ")
             names.setdefault(reason, []).append(name)
         listing = "; ".join(
             f"{', '.join(closures)}: {reason}" for reason, closures in names.items()

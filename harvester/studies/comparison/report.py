@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import platform
 from collections.abc import Callable
 from importlib import metadata
@@ -19,6 +18,7 @@ from harvester.results.page import (
     Verdict,
     facts,
     figure_of,
+    listing,
     page,
     table_of,
     verdict_list,
@@ -28,6 +28,7 @@ from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, OTHER_LINE
 from harvester.results.panels import legend_below, set_title
 from harvester.results.view import Picture
 from harvester.scene.described import scene_rows
+from harvester.statistics.estimate import RESOLVED_SHARE
 from harvester.studies.comparison.excitation_drawing import draw_spectrum
 
 if TYPE_CHECKING:
@@ -55,11 +56,9 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
     scene = comparison.scene
     header, rows = comparison.table()
     legend = [LEGEND, *definitions(comparison.compared)]
-    text = html.escape(assemble(comparison.circuit.prepared_scene).text)
-    netlist = (
-        "<details><summary>netlist as ngspice reads it; an external source supplies the noise"
-        f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'
-        "</pre></div></details>"
+    netlist = listing(
+        assemble(comparison.circuit.prepared_scene).text,
+        "netlist as ngspice reads it; an external source supplies the noise",
     )
     return page(
         f"{scene.name}: circuit, Monte Carlo and averaging",
@@ -68,7 +67,7 @@ def report(comparison: Any, verdicts: list[Verdict]) -> str:
             "Verdict": verdict_list(verdicts),
             "Quantities": wide(table_of(header, rows)) + "".join(map(facts, legend)),
             "Figures": _figures(comparison),
-            "Scene": wide(table_of(("key", "value"), scene_rows(scene), "text")),
+            "Scene": wide(table_of(("key", "value"), scene_rows([scene]), "text")),
             "Schematic": _schematic(scene),
             "Netlist": netlist,
             "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
@@ -178,6 +177,10 @@ def _draw_waveforms(top, middle, bottom, comparison):
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
     difference = (difference - reference.displacement)[knots]
     bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
+    # A difference below the solver's tolerance is drawn as zero.
+    resolved = RESOLVED_SHARE * float(np.abs(reference.displacement).max(initial=0.0))
+    if float(np.abs(difference).max(initial=0.0)) < resolved:
+        bottom.set_ylim(-resolved, resolved)
     unit = axis_label(comparison.circuit, "displacement").partition(" ")[2]
     bottom.set_ylabel(f"difference\n{unit}")
     bottom.set_title("displacement, circuit − Monte Carlo")

@@ -11,8 +11,8 @@ import numpy as np
 
 from harvester.base.formatting import prefixed
 from harvester.device.record import Record
-from harvester.results.panels import Panel, Series, draw_panels, is_wide, set_title
-from harvester.scene.tables import key_label
+from harvester.results.panels import Panel, Series, draw_panels, is_wide, label_words, set_title
+from harvester.scene.tables import key_words
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -94,18 +94,20 @@ def _draw(study, label, value, draw_extra):
     """Draw a panel for each point of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
     positions = np.array(study.grid.sweeps[key] if key else (0.0,))
+    x_label, x_unit = key_words(key, study.scene.units) if key else ("", None)
     panels = []
     for other, words in study.others():
         curves = _curves(study, other, positions, value)
         panels.append(
             Panel(
-                x_label=key_label(key, study.scene.units) if key else "",
+                x_label=x_label,
                 y_label=label,
                 series=curves,
                 title=words,
                 log_x=is_wide(positions),
                 from_zero=True,
                 more=partial(_finish, study, other, draw_extra, curves),
+                x_unit=x_unit,
             )
         )
     return draw_panels(
@@ -125,7 +127,7 @@ def _finish(study, other, draw_extra, curves, axes):
             axes.plot(x, y, "o", color=curve.colour, mfc="none", ms=RING)
             axes.plot([], [], "o", color="0.3", mfc="none", ms=RING, label="ring: no error bar")
     if study.curve_keys[0] is None:
-        axes.set_xticks(list(_loads(study)), study.grid.loads)
+        label_words(axes, study.grid.loads)
     if any(evaluation.unranked for evaluation in study.evaluations):
         # Hollow points mean the same in every figure; the legend explains them.
         axes.plot([], [], "o", color="0.3", mfc="w", label="hollow: not ranked, see the table")

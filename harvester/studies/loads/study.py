@@ -113,6 +113,11 @@ class LoadStudy(ResultBase):
         return self.grid.scene
 
     @property
+    def scenes(self) -> Sequence[Scene]:
+        """The scene of every point."""
+        return [point.scene for point in self.grid.points]
+
+    @property
     def methods(self) -> tuple[str, ...]:
         """Names of the method that simulated each point."""
         return tuple(evaluation.method for evaluation in self.evaluations)
@@ -129,6 +134,7 @@ class LoadStudy(ResultBase):
             notes=self.grid.notes,
             out_of_time=self.out_of_time,
             seconds=self.wall_seconds,
+            scenes=self.scenes,
         )
 
     @property

@@ -18,7 +18,7 @@ from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
-from harvester.scene.tables import key_column, key_label, key_words
+from harvester.scene.tables import key_column, key_words
 from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import is_noisy, longer_runs, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
@@ -396,8 +396,10 @@ def _panel(optimum, parameter):
         bars=[height],
         size=8.0,
     )
+    x_label, x_unit = key_words(key, optimum.scene.units)
     return Panel(
-        x_label=key_label(key, optimum.scene.units),
+        x_label=x_label,
+        x_unit=x_unit,
         y_label=f"{optimum.quantity.replace('_', ' ')} [{unit or '1'}]",
         series=[points, maximum],
         log_x=parameter.axis.logarithmic,

@@ -31,7 +31,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import step_error, susceptance
-from harvester.scene.tables import key_column, key_label, value_words
+from harvester.scene.tables import key_column, key_label, key_words, value_words
 from harvester.statistics.attractors import QUANTITIES, means_of
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import STATE
@@ -455,10 +455,11 @@ def _draw(result):
         y = factor * branch.mean_power
         bars = 2.0 * factor * branch.errors["mean_power"]
         power.append(Series(result.values, y, branch.direction, colour, "-", bars=bars))
-    label = key_label(result.key, result.scene.units)
+    label, x_unit = key_words(result.key, result.scene.units)
+    displacement = f"displacement [{result.unit('displacement')}]"
     panels = [
-        Panel(label, f"displacement [{result.unit('displacement')}]", section),
-        Panel(label, f"mean power [{unit}]", power, from_zero=True),
+        Panel(label, displacement, section, x_unit=x_unit),
+        Panel(label, f"mean power [{unit}]", power, from_zero=True, x_unit=x_unit),
     ]
     title = f"{result.scene.name}: one sample per period of the excitation, and the mean power "
     title += "(bars: two errors)"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.base.arguments import key_and_values
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import (
     Count,
@@ -16,6 +15,7 @@ from harvester.base.signatures import (
     RunnerOptions,
     Share,
     Step,
+    key_and_values,
 )
 from harvester.engines.methods import engine_of
 from harvester.scene.calling import takes_scene
@@ -160,7 +160,7 @@ def bifurcation(
     ::
 
         harvester bifurcation device --set 'excitation={kind="sine", amplitude=6.0,
-            frequency=8.0}' --over excitation.amplitude --values 1:12:linear:100
+            frequency=8.0}' --over excitation.amplitude=1:12:linear:100
     """
     import numpy as np
 
@@ -238,7 +238,7 @@ def residence(
     --------
     ::
 
-        harvester residence duffing --over excitation.intensity --values 0.02:0.06:log:5
+        harvester residence duffing --over excitation.intensity=0.02:0.06:log:5
             --precision 0.05
     """
     from harvester.engines.opening import open_runner

@@ -25,6 +25,7 @@ from harvester.device import timescales
 from harvester.device.system import potential
 from harvester.engines.methods import Engine, engine_of
 from harvester.engines.realization import run
+from harvester.engines.request import OUT_OF_TIME
 from harvester.engines.task import Task, Wanted
 from harvester.excitation.base import kernel_loss
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
@@ -34,7 +35,7 @@ from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, spacing_of
-from harvester.scene.tables import key_column, key_label, value_words
+from harvester.scene.tables import key_column, key_label, key_words, value_words
 from harvester.statistics.batch_means import RAISED
 from harvester.statistics.estimate import Estimate
 
@@ -301,7 +302,7 @@ def staying(
         answers = yield Wanted(tasks)
         for answer in answers:
             if answer is None or isinstance(answer, HarvesterError):
-                outcome = "the time budget was spent" if answer is None else str(answer)
+                outcome = OUT_OF_TIME if answer is None else str(answer)
                 continue
             times.append(answer["times"])
             exits.append(answer["exits"])
@@ -401,8 +402,10 @@ def _draw(residence):
             x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
             series.append(Series(x, y, "Kramers", colour, "--"))
     values = [stay.value for stay in residence.stays]
-    label = key_label(residence.key, residence.scene.units)
-    panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
+    label, unit = key_words(residence.key, residence.scene.units)
+    panel = Panel(
+        label, "residence time [s]", series, log_x=is_wide(values), log_y=True, x_unit=unit
+    )
     title = f"{residence.scene.name}: mean time in a well (bars: two standard errors; hollow: none)"
     return draw_panels([panel], title, size=(4.0, 3.0))
 

@@ -325,7 +325,7 @@ def _check_rows(complete, failures, out_of_time):
         )
     raise OutOfTime(
         f"the time budget was spent after {complete.sum()} of {complete.size} rows, but indices "
-        f"need {FEWEST_ROWS}; repeat the call with the same output to continue"
+        f"need {FEWEST_ROWS}"
     )
 
 
@@ -337,10 +337,7 @@ def _notes(complete, failures, out_of_time):
             f"yield: {failures[0]}"
         )
     if out_of_time:
-        lines.append(
-            f"out of time: {complete.sum()} of {complete.size} rows; with an output folder, repeat "
-            "the command to continue"
-        )
+        lines.append(f"out of time: {complete.sum()} of {complete.size} rows")
     return tuple(lines)
 
 

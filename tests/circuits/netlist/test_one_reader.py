@@ -221,6 +221,9 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
             "is read as a smooth switch",
         ),
         ("R1 out ref 1k\nC1 out ref 1u", ""),
+        ("R1 out ref 1k\nC1 out 0 1u", "is the pin n, a terminal of the transducer: write ref"),
+        ("R1 out ref 1k\nB1 out ref i=1u*v(out)", "write ref for the ground of the output, v(out"),
+        ("R1 out ref 1k\nB1 out ref i=1u*(v(out,ref)+v(p))", ""),
     ],
 )
 def test_what_may_not_be_meant_so_is_noted(tmp_path, body, note):

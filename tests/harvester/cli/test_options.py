@@ -40,7 +40,7 @@ OPTIONS = {
     "residence": "--json --method --output --over --precision --report --step --values "
     f"{RUN} {SCENE}",
     "spectrum": "FILE --breakpoints --column --device --duration --json --mend --output "
-    "--report --resolution --sampling-rate --unit",
+    "--report --resolution --sampling-rate --set --unit",
     "beam": f"--json --output --report {SCENE}",
     "load": "FILE --nodes --output --remove",
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",

@@ -98,11 +98,13 @@ def test_what_runs_beyond_the_time_budget_is_ended(monkeypatch):
     fake = SimpleNamespace(monotonic=lambda: float(next(clock)))
     monkeypatch.setattr("harvester.engines.runner.time", fake)
     waits = Task(worker_calls.wait_silently, {"seconds": 60.0})
+    monkeypatch.setattr(Progress, "longest_task", lambda progress: 61.0)
     with WorkerPool(workers=1, folders=[TESTS]) as one:
         process = one._workers[0]
         runner = Runner(one, deadline=3.0)
         assert runner.run([waits, said("a")]) == [None, None]
         assert (runner.computed, runner.out_of_time, process.process_id) == (0, True, None)
+        assert runner.remedy.startswith("no task was finished; one takes about 61 s; give a longer")
         # The pool and the study go on.
         assert Runner(one).run([said("a")]) == ["A"]
 
@@ -201,6 +203,10 @@ def test_progress_takes_no_longer_than_the_time_budget(monkeypatch):
     clock[0] = 300.0
     progress.say()
     assert shares[-1] < 1.0
+    # After 200 s, a quarter of the longest task is done.
+    progress.reach("slow", "b", 0.25)
+    progress.reach("slow", "c", 0.5)
+    assert progress.longest_task() == pytest.approx(800.0)
     progress.end(0)
 
 

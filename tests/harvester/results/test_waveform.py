@@ -151,27 +151,30 @@ def test_a_column_constant_but_for_rounding_and_a_negative_offset():
     time = np.linspace(0.0, 1.0, 200)
     columns = {
         "velocity": time,
-        "i(v1)": -1.8 / 16.2e3 * (1.0 + 1e-13 * np.sin(20.0 * time)),
-        "i(v2)": -1.8 / 16.2e3 * (1.0 + 1e-6 * np.sin(20.0 * time)),
+        "i(v1)": -1.8 / 16.2e3 * (1.0 + 4e-7 * np.sin(20.0 * time)),
+        "i(v2)": -1.8 / 16.2e3 * (1.0 + 1e-5 * np.sin(20.0 * time)),
+        "i(v3)": 5e-11 * np.sin(20.0 * time),
     }
-    figure = waveform(columns, {"velocity": "m/s", "i(v1)": "A", "i(v2)": "A"}).figure()
-    first, second = figure.axes
-    assert first.get_ylabel() == "i(v1)\n(constant)\n[µA]"
+    units = dict.fromkeys(columns, "A") | {"velocity": "m/s"}
+    first, second, third = waveform(columns, units).figure().axes
+    assert first.get_ylabel() == "i(v1)\n(constant to\n110 pA)\n[µA]"
     assert np.ptp(first.lines[0].get_ydata()) == 0.0
-    assert second.get_ylabel() == "i(v2)\n+ 111.1111 µA\n[pA]"
+    assert second.get_ylabel() == "i(v2)\n+ 111.1111 µA\n[nA]"
+    assert third.get_ylabel() == "i(v3)\n(constant to\n110 pA)\n[A]"
+    assert not third.lines[0].get_ydata().any()
 
 
 def test_equal_columns_share_a_panel_and_a_small_ripple_is_drawn_as_deviation():
     time = np.linspace(0.0, 1.0, 200)
-    ripple = 2.00913 + 1e-7 * np.sin(20.0 * time)
+    ripple = 2.00913 + 1e-5 * np.sin(20.0 * time)
     columns = {"velocity": time, "output_voltage": ripple, "out": ripple * (1.0 + 1e-15), "a": time}
     units = {"velocity": "m/s", "output_voltage": "V", "out": "V", "a": "V"}
     figure = waveform(columns, units).figure()
     FigureCanvasAgg(figure).draw()
     output, node = figure.axes
-    assert output.get_ylabel() == "output voltage, out\n− 2.00913 V\n[nV]"
+    assert output.get_ylabel() == "output voltage, out\n− 2.00913 V\n[µV]"
     (line,) = output.lines
-    np.testing.assert_allclose(line.get_ydata(), 1e9 * (ripple - ripple.mean()), atol=1e-6)
+    np.testing.assert_allclose(line.get_ydata(), 1e6 * (ripple - ripple.mean()), atol=1e-6)
     assert node.get_ylabel() == "a\n[V]"
     assert not any(axes.yaxis.get_offset_text().get_text() for axes in figure.axes)
 

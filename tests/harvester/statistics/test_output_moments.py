@@ -138,9 +138,16 @@ def test_the_error_of_steps_of_a_difference_is_that_of_its_terms():
 
 
 def test_an_hour_is_extrapolated_from_even_charging_alone():
-    even = estimate_output([charging(77, course=lambda time: np.sqrt(1.0 + 0.1 * time))])
-    stored = even["stored_energy_per_hour"]
-    assert stored.estimate == pytest.approx(3600.0 * 1.5 * 0.1, rel=1e-3)
+    def per_hour(rate):
+        course = charging(77, course=lambda time: np.sqrt(1.0 + rate * time))
+        return estimate_output([course])["stored_energy_per_hour"]
+
+    for rate in (1e-4, -1e-4):
+        assert per_hour(rate).estimate == pytest.approx(3600.0 * 1.5 * rate, rel=1e-3)
+    # An hour would take or bring more than the store holds.
+    for rate in (1e-3, -1e-3):
+        assert np.isnan(per_hour(rate).estimate)
+        assert "times the energy that the stores hold" in per_hour(rate).note
     uneven = estimate_output([charging(77)])["stored_energy_per_hour"]
     assert np.isnan(uneven.estimate)
     assert "in the halves of the measured 16 s differ by 100% of the larger one" in uneven.note

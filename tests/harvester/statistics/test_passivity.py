@@ -93,4 +93,6 @@ def test_an_output_that_stores_feed_says_what_share(given, stored, error, said):
     }
     assert fed_by_stores(found).startswith(said)
     assert bool(fed_by_stores(found)) == bool(said) == bool(store_notes(found))
+    advice = "raise run.settle, or start the stores at" if stored else "; check its sources, "
+    assert all(advice in note for note in store_notes(found))
     assert store_notes({"mean_power": found["mean_power"]}) == ()

@@ -250,7 +250,7 @@ def test_an_output_that_ramps_under_a_record_says_so(pool, tmp_path):
     found = simulate(scene, method="monte-carlo", runner=pool)
     assert "rises throughout" in found["output_voltage"].note
     assert found["mean_square_velocity"].standard_error > 0.0
-    assert any("raise run.settle, or start its stores" in note for note in found.notes)
+    assert any("raise run.settle, or start the stores" in note for note in found.notes)
 
 
 def test_one_record_tells_nothing_of_means_that_follow_a_slow_store(pool, tmp_path):

@@ -49,7 +49,7 @@ def test_disagreement_names_the_quantity():
 
 def test_what_is_significant_and_small_is_named_and_agrees():
     said, judged = texts(result(1.004, 1e-4), reference=result(error=1e-4))
-    assert "agree within 1% in mean-square voltage, rms voltage, mean power, " in said[0]
+    assert "agree within 1% in mean-square voltage, mean power, " in said[0]
     assert ": the mean-square voltage differs by 0.40%" in said[0]
     assert judged[0].good
 
@@ -87,7 +87,7 @@ def test_a_bistable_closures_limit_is_not_told_of_a_single_well():
 
 def test_the_paired_difference_and_a_refusal_are_told():
     paired = {"mean_square_voltage": Estimate(-0.05, 0.01, None, "1")}
-    said, judged = texts(result(), refused={"paper": "β is too large"}, paired=paired)
+    said, judged = texts(result(), refused={"paper": "paper: β is too large"}, paired=paired)
     assert "disagree: on the same noise the mean-square voltage differs by -5.0 ± 1.0 %" in said[0]
     assert judged[0].good is False
     assert said[-1] == "Closures that are not valid: paper: β is too large."

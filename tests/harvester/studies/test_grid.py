@@ -46,9 +46,9 @@ def test_all_points_share_the_finest_knots(device):
 
 
 def test_storage_charges_while_the_run_settles(device):
-    grid = make_grid(device, ["bridge"], {RESISTANCE: [1e3, 1e7]})
-    quick, slow = (p.scene.load.parameters for p in grid.points)
-    assert "storage" not in quick
+    grid = make_grid(device, ["bridge"], {RESISTANCE: [-5.0, 1e3, 1e7]})
+    negative, quick, slow = (p.scene.load.parameters for p in grid.points)
+    assert "storage" not in {**negative, **quick}
     assert slow["storage"] * 1e7 == pytest.approx(device.run.settle / 5.0)
     assert "storage" in grid.notes[0]
     own = make_grid(device, ["bridge"], {RESISTANCE: [1e7], "load.parameters.storage": [1e-5]})

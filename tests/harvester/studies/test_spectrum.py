@@ -238,8 +238,13 @@ def test_of_a_scene_and_what_is_refused(folder):
     assert 0.0 < share < 1.0
     assert width > 0.0
     assert centre > 0.0
+    louder = [f"excitation.intensity={4.0 * noise.intensity}"]
+    doubled = harvester.spectrum("linear", overrides=louder, duration=2000.0)
+    assert doubled.rms == pytest.approx(2.0 * found.rms)
     with pytest.raises(HarvesterError, match="is for a record"):
         harvester.spectrum("linear", unit="g")
+    with pytest.raises(HarvesterError, match=r"overrides: is for a scene, .*: give device"):
+        harvester.spectrum(folder / "white.npy", overrides=louder)
     with pytest.raises(HarvesterError, match=r"8e\+14 values .* at most 1.25e\+06"):
         harvester.spectrum("device", duration=1e12)
     with pytest.raises(HarvesterError, match="is for a scene"):

@@ -11,6 +11,7 @@ import harvester
 from harvester.cli.command_line import main
 from harvester.device import timescales
 from harvester.engines.realization import quantity_names
+from harvester.results.report import page_of
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -219,6 +220,10 @@ def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):
     assert found.values == {"load.netlist": ("resistor", "bridge")}
     assert [cell.outcome.split(":")[0] for cell in found.cells.ravel()] == ["complete", "LoadError"]
     found.figure()
+    page = page_of(found, "sweep")
+    assert "<td>load.netlist</td><td>resistor, bridge</td>" in page
+    for name in ("resistor.lib", "bridge.lib"):
+        assert page.count(f"<summary>{name}</summary>") == page.count(f".ends {name[:-4]}\n") == 1
 
 
 def test_a_swept_key_has_its_unit_in_the_header():

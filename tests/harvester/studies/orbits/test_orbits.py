@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.base.errors import HarvesterError, UnknownQuantity
+from harvester.cli.command_line import main
 from harvester.engines.following import follow, forced
 from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
@@ -685,8 +686,18 @@ def test_basins_say_the_plane_of_their_starts():
     ],
 )
 def test_a_grid_along_one_key_has_one_form(over, values):
-    with pytest.raises(HarvesterError, match=r"^over: .*give one key with its values"):
+    with pytest.raises(HarvesterError, match=r"^over .*: give one key with its values, over="):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over=over, values=values)
+
+
+def test_a_grid_along_one_key_is_written_as_in_a_sweep(capsys):
+    for words, message in (
+        (["k=0.05,abc"], "--over k=0.05,abc: must be written as TABLE.KEY=LIST"),
+        (["load.resistance"], "--over 'load.resistance': give one key with its values, --over "),
+        (["load.resistence=1,2"], "did you mean"),
+    ):
+        assert main(["residence", "device", "--over", *words]) == 2
+        assert message in capsys.readouterr().err
 
 
 def test_a_start_that_diverges_is_an_outcome_of_its_own(pool):
