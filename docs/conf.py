@@ -55,6 +55,8 @@ nb_execution_show_tb = True
 nb_ipywidgets_js = {}
 nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
 
+# Quotation marks are curved; two hyphens remain, since options begin with them.
+smartquotes_action = "q"
 default_role = "py:obj"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"

@@ -45,7 +45,7 @@ scene.to_tables()
 # Node voltages represent displacement, velocity and the voltage of the piezo. A current into the
 # node `velocity` represents an acceleration. `harvester netlist paper` writes the netlist.
 
-# %%
+# %% mystnb={"image": {"alt": "Equivalent circuit of the scene paper"}}
 harvester.schematic(scene)
 
 # %% [markdown]
@@ -55,11 +55,13 @@ harvester.schematic(scene)
 # error. For methods without simulation the table gives the deviation from Monte Carlo, in percent
 # and in standard errors of Monte Carlo.
 
-# %%
+# %% tags=["table"]
 comparison = harvester.validate(scene)
 header, rows = comparison.table()
 for row in [header, *rows]:
     print(f"{row[0]:28}", *(f"{cell:>27}" for cell in row[2:]))
+
+# %%
 print(*comparison.sentences(), sep="\n")
 
 # %% [markdown]
@@ -74,13 +76,13 @@ comparison.circuit
 # In Jupyter this cell shows a slider for each key, and a picture that follows the sliders. This
 # page shows the picture of the unchanged scene.
 
-# %%
+# %% mystnb={"image": {"alt": "Densities, power and motion of the scene"}}
 harvester.explore(scene, ["excitation.intensity", "stoppers.gap"])
 
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Densities and one path by every method"}}
 power = comparison.circuit.quantity("mean_power")
 names = ("mean_power", "mean_square_voltage", "mean_square_displacement", "mean_square_velocity")
 apart = max(abs(comparison.difference(name)) for name in names)
@@ -88,7 +90,7 @@ off = {name: comparison.deviation(name, "mean_power")[0] for name in comparison.
 print(
     f"The device gives {power.estimate:.5f} ± {power.standard_error:.5f} scaled units of power; "
     f"circuit and Monte Carlo are at most {apart:.1f} joint standard errors apart, and of the "
-    "closures "
+    "stationary methods "
     + ", ".join(f"{name} is {share:+.0%}" for name, share in off.items())
     + " from Monte Carlo."
 )

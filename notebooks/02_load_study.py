@@ -92,7 +92,7 @@ print(*study.sentences(), sep="\n")
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Output power of rectifier and resistor over load resistance"}}
 (found, place) = study.optima[1]
 power = study.best((1,)).estimates["output_power"]
 best = study.grid.sweeps["load.parameters.resistance"][place]

@@ -66,7 +66,7 @@ for row in diagram.rows:
 # ## Answer
 
 
-# %%
+# %% mystnb={"image": {"alt": "Error of every method over run time"}}
 def largest_bias(row):
     """Largest bias of a row's means, plus three of its standard errors."""
     return max(abs(bias.estimate) + 3.0 * bias.standard_error for bias in row.bias.values())

@@ -35,7 +35,7 @@ scene = harvester.Scene.read("paper")
 # Lines are stationary methods, symbols are simulations with bars of two standard errors. `harvester
 # reproduce all` draws all figures; without `--quick` its runs are longer.
 
-# %%
+# %% tags=["table"]
 (fifth,) = harvester.reproduce(scene, ["fig5"], quick=True)
 heads, rows = fifth.table()
 for row in [heads, *rows]:
@@ -71,14 +71,14 @@ for method, (first, last) in answers.items():
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Density of the displacement by every method, in four panels"}}
 distances = {row[2]: row[7].lstrip("+") for row in rows if row[1].startswith("a")}
 says = {symbol: f"{symbol} rises with β" for symbol in QUANTITIES}
 held = [says[symbol] for symbol in says if changes["monte-carlo", symbol] > 3.0]
 failed = [says[symbol] for symbol in says if changes["monte-carlo", symbol] < -3.0]
 print(
     f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "
-    f"closure fokker_planck {distances['fokker_planck']} and the closure as printed "
+    f"method fokker_planck {distances['fokker_planck']} and the method as printed "
     f"{distances['paper']}; "
     f"of the statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."

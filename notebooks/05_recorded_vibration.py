@@ -104,7 +104,7 @@ except harvester.HarvesterError as error:
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Spectrum of the record; piezo voltage by circuit, Monte Carlo"}}
 circuit, monte_carlo = (results[engine].quantity("mean_power") for engine in results)
 joint = math.hypot(circuit.standard_error, monte_carlo.standard_error)
 print(

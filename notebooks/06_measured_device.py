@@ -77,11 +77,13 @@ np.savetxt(path, columns, "%.7g", ",", header=header, comments="")
 # The scene `device` gives the initial values. Mass and load resistance are fixed; the other values
 # are fitted to the first two thirds of the record.
 
-# %%
+# %% tags=["table"]
 found = harvester.identify("device", path)
 header, rows = found.table()
 for row in [header, *rows]:
-    print(f"{row[0]:30}", *(f"{cell:>26}" for cell in row[1:]))
+    print(f"{row[0]:27}{row[1]:>26}{row[2]:>8}  {row[3]}")
+
+# %%
 print(found.headline(), *found.sentences(), sep="\n")
 
 # %% [markdown]
@@ -103,7 +105,7 @@ for resistance in resistances:
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Measured and predicted voltage, residuals and spectra"}}
 best = int(np.argmax([each.estimate for each in powers]))
 difference = found.records[0].powers()[2]
 print(

@@ -113,7 +113,7 @@ for name, result in results.items():
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Share of time on, and share of the energy by stage"}}
 small, large = results.values()
 
 

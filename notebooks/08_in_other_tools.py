@@ -177,7 +177,7 @@ for tool, drive in (("FMPy", by_fmpy), ("PathSim", by_pathsim)):
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Displacement by circuit and other tools, and deviations"}}
 scale = np.std(paths["circuit"])
 off = {
     tool: float(np.sqrt(np.mean((path - paths["circuit"]) ** 2)) / scale)

@@ -1,4 +1,4 @@
-"""Closure `fokker_planck`: stationary density of motion (X, X'), charge Z and noise η.
+"""Method `fokker_planck`: stationary density of motion (X, X'), charge Z and noise η.
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is advanced in time by
 `propagator`. The stationary density is invariant under P, the propagator over about one period:

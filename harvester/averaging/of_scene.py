@@ -1,4 +1,4 @@
-"""`average`: a closure's result for a scene, in the form of an engine's result."""
+"""`average`: a stationary method's result for a scene, in the form of an engine's result."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def average(
     Raises
     ------
     AveragingError
-        Unknown closure, or one that is not valid for these parameters.
+        Unknown stationary method, or one that is not valid for these parameters.
     LoadError
         The load is no resistor.
 
@@ -147,7 +147,7 @@ def average(
 
 
 def _left_out(system, closure):
-    """Notes on effects of the device that the closure leaves out."""
+    """Notes on effects of the device that the stationary method leaves out."""
     from harvester.averaging.closures import CLOSURES
 
     share = system.transducer.base_rate(1.0)
@@ -163,7 +163,7 @@ def _left_out(system, closure):
 def averages_of(
     prepared_scene: Prepared, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """Scaled means by a closure for a scene; see `harvester.averaging.closures.average`."""
+    """Scaled means of a scene by a method; see `harvester.averaging.closures.average`."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.closures import average as average_parameters
     from harvester.scene.units import require_resistor
@@ -184,7 +184,7 @@ def averaged_device(prepared_scene: Prepared) -> System:
     LoadError
         The load is no resistor.
     AveragingError
-        The closure does not support the excitation.
+        The stationary method does not support the excitation.
     """
     from harvester.scene.units import require_resistor
 
@@ -207,7 +207,7 @@ def _refuse_range(scene):
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
-    """A closure's means as estimates with its numerical error."""
+    """A stationary method's means as estimates with its numerical error."""
     from harvester.statistics.estimate import Estimate, root
 
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells

@@ -233,7 +233,7 @@ DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 def engine_of(method: str | Method, **options: Any) -> Engine:
     """The engine of a call, given by name and options or as an object.
 
-    Raises HarvesterError for an unknown name, a closure, or an unknown option.
+    Raises HarvesterError for an unknown name, a stationary method, or an unknown option.
     """
     if isinstance(method, Engine):
         return method.check_options_agree(options, DEFAULTS)
@@ -242,8 +242,8 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
     if isinstance(method, Stationary) or str(method).replace("-", "_") in (*CLOSURES, "averaging"):
         raise HarvesterError(
-            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} "
-            f"are for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
+            f"method {method}: does not simulate: {', '.join(CLOSURES)} are for average, sweep, "
+            f"load_study and optimum; here there are {', '.join(ENGINES)}"
         )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
@@ -252,7 +252,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
 
 def method_of(method: str | Method, **options: Any) -> Method:
-    """The engine or the closure of a call; see `engine_of`."""
+    """The engine or the method of a call; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
     from harvester.averaging.closures import CLOSURES

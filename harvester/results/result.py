@@ -67,7 +67,7 @@ class Result(ResultBase):
     ----------
     scene : Scene
     engine : str
-        "circuit", "monte-carlo", or "averaging" followed by the closure.
+        "circuit", "monte-carlo", or "averaging" followed by the stationary method.
     scaled_quantities : dict of str to Estimate
     scales : Scales
     error_kind : str

@@ -29,7 +29,7 @@ SPENT = "time budget spent: with an output folder, repeat the command or call to
 
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
-    """An engine or a closure that accepts the scene's load.
+    """An engine or a stationary method that accepts the scene's load.
 
     None selects Monte Carlo, or the circuit if only that supports the load and excitation.
     """

@@ -475,14 +475,14 @@ def realizations_task(
 
 
 def averages_once_more(prepared_scene: Prepared, closure: str, report: Callable) -> dict[str, Any]:
-    """A scene by a closure, with densities, timed without compilation, in a worker process."""
+    """A scene by a stationary method with densities, timed without compilation, in a worker."""
     for _ in range(2):
         answer = averages(prepared_scene, closure, None, True, report)
     return answer
 
 
 def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
-    """Answers of valid closures, and reasons of invalid ones, by name.
+    """Answers of valid stationary methods, and reasons of invalid ones, by name.
 
     An answer contains `quantities`, scaled, and `seconds` of one core.
     """

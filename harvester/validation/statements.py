@@ -90,7 +90,7 @@ class StatementTest:
         Whether `findings` takes a second `read` for Monte Carlo.
     of_orbits : bool
         Whether it concerns orbits without noise: `findings` takes the scene, and only the paper's
-        closure is used.
+        stationary method is used.
     """
 
     quantity: str = ""

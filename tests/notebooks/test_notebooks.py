@@ -48,7 +48,7 @@ ANSWERS = {
         lambda step, price, default: step <= default and price >= 0.5,
     ),
     "04": (
-        r"circuit is ([\d.]+)% from.*fokker_planck ([\d.]+)% and the closure as printed ([\d.]+)%.*"
+        r"circuit is ([\d.]+)% from.*fokker_planck ([\d.]+)% and the method as printed ([\d.]+)%.*"
         r"E\[P\] rises with β held, and E\[V²\] rises with β did not",
         lambda circuit, slow, printed: max(circuit, slow) < 15.0 < printed,
     ),

@@ -79,7 +79,7 @@ class LoadStudy(ResultBase):
 
     Attributes
     ----------
-    method : "judged", an engine or a closure.
+    method : "judged", an engine or a stationary method.
     version
         Version of the program that computed the results.
     evaluations
