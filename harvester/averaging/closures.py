@@ -36,7 +36,7 @@ class StationaryMethod(NamedTuple):
 def notes_on_errors(methods: Iterable[str]) -> list[str]:
     """Note on the meaning of ± for stationary methods; empty if none of these methods is one."""
     names = [name for name in dict.fromkeys(methods) if name.partition(" (")[0] in CLOSURES]
-    meaning = "± is the numerical error alone, without that of the approximation"
+    meaning = "± is the numerical error alone, without the error of the approximation"
     return [f"{', '.join(names)}: {meaning}"] if names else []
 
 

@@ -76,7 +76,7 @@ def _check(s):
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(
-            f"the open piezo's stiffness is {-s.transducer.coupling / linear:.3g} times that of "
+            f"the open piezo's stiffness is {-s.transducer.coupling / linear:.3g} times "
             "oscillator.linear_stiffness, which leaves no double well; averaging needs less than 1 "
             "(less coupling): use the method fokker_planck"
         )

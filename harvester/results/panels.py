@@ -166,7 +166,7 @@ def set_title(figure: Figure, title: str) -> None:
 def thin_ticks(axes: Axes) -> None:
     """Label a logarithmic axis at decades, or over less than two decades at 1, 2 and 5.
 
-    Values on an x axis are printed like those of components: 20k, 10u.
+    Values on an x axis have the suffixes of component values: 20k, 10u.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -420,7 +420,7 @@ class Result(ResultBase):
 
 
 def _add_density(variables, name, axes, density, scale, unit):
-    """Add a density with its axes and error; `scale` and `unit` are those of its area."""
+    """Add a density with its axes and error; `scale` and `unit`: of the product of its axes."""
     attributes = {"unit": inverse(unit)}
     variables[f"{name}_density"] = (axes, density.density / scale, attributes)
     if density.standard_error is not None:

@@ -614,7 +614,7 @@ def optimum(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene. Its [run] is that of the first runs at each point (one parameter), or of each
+        The scene. Its [run] applies to the first runs at each point (one parameter), or to each
         evaluation (several parameters).
     over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within the

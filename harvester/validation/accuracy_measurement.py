@@ -497,5 +497,5 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
 
 
 def is_reference(bias: Estimate) -> bool:
-    """Whether a bias is that of the reference: only rounding errors."""
+    """Whether a bias belongs to the reference itself: only rounding errors."""
     return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING

@@ -102,7 +102,7 @@ def changed(scene: Scene, case: Case) -> Scene:
             dotted, value = _scene_value(scene, name, scaled)
             changes[dotted] = value
     if scene.units == "SI":
-        # Length unit and scaled values remain those of the original scene.
+        # Length unit and scaled values of the original scene are kept.
         changes["length_scale"] = length_scale(scene)
     new = prepared(scene.replace(changes))
     settle, duration = run_length(new)
