@@ -53,7 +53,7 @@ def average(
         fokker_planck (stationary density without averaging), paper (Eqs. 10–37 as printed,
         misprints corrected), consistent (with the constant force of the piezo in the potential) or
         spectral (linear device, exact from the spectrum of its excitation). In Python also
-        `Stationary(…)`, which holds the settings below itself.
+        `Stationary(…)`, an object that holds the settings below.
     tolerance : float or None
         Largest accepted relative numerical error (default: 1e-2; paper, consistent 1e-3, spectral
         1e-6).

@@ -119,8 +119,8 @@ class Circuit(Engine):
     Attributes
     ----------
     step : str or float
-        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
-        division of the knot spacing, and shorter in contact.
+        default, fine, finest, or the longest step in seconds. It is rounded down so that a whole
+        number of steps fits between two samples of the excitation; in contact it is shorter.
     scheme : str
         trapezoidal or gear.
     source : str

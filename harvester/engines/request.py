@@ -66,7 +66,7 @@ class Request:
         Number in the first round with a precision, else in total. None: `FIRST_REALIZATIONS` with a
         precision, else the scene's number.
     most
-        Most realizations for a precision.
+        Maximum number of realizations with a precision.
     density, moments
         Whether the answer contains them.
     """

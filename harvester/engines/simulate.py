@@ -55,8 +55,8 @@ def simulate(
         A scene, its file or the name of a built-in one.
     method : str or Method
         circuit (ngspice) or monte-carlo (direct integration, without ngspice). In Python also
-        `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings below themselves;
-        a name is short for the object with its defaults.
+        `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, objects that hold the settings below;
+        a name selects the object with its defaults.
     source : str
         Circuit only: external, the path through compiled callbacks, or pwl, a source in the
         netlist with ngspice's own steps, for comparison.
@@ -67,8 +67,8 @@ def simulate(
         Circuit only: realizations in parallel in one netlist, with the same time steps (default:
         the fastest number).
     step : str or float
-        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
-        division of the knot spacing, and shorter in contact.
+        default, fine, finest, or the longest step in seconds. It is rounded down so that a whole
+        number of steps fits between two samples of the excitation; in contact it is shorter.
     workers : int or None
         Maximum number of processes (default: one per core).
     time_limit : float
