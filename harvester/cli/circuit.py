@@ -203,7 +203,7 @@ def engine(*, json: File | None = None) -> None:
     Parameters
     ----------
     json : str or None
-        Write JSON; - for standard output.
+        File for JSON; - is standard output.
 
     Examples
     --------
