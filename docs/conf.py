@@ -51,6 +51,8 @@ nb_execution_mode = "cache"
 nb_execution_in_temp = True
 nb_execution_timeout = 600
 nb_execution_show_tb = True
+# Lines that a cell prints one after another form one output.
+nb_merge_streams = True
 # A page has no kernel that sliders could ask: of those its picture is shown, and no script fetched.
 nb_ipywidgets_js = {}
 nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
