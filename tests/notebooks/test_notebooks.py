@@ -142,7 +142,9 @@ def check_pages(folder, made):
     assert theory.count("<math ") > 40
     assert "<merror" not in theory
     api = folder / "docs" / "docs" / "reference" / "api"
-    assert 'id="harvester.simulate"' in (api / "harvester.simulate.html").read_text("utf-8")
+    simulate = (api / "harvester.simulate.html").read_text("utf-8")
+    assert 'id="harvester.simulate"' in simulate
+    assert '<p class="rubric">Example</p>' in simulate
     commands = (folder / "docs" / "docs" / "reference" / "commands.html").read_text("utf-8")
     assert not [name for name in COMMANDS if f"harvester {name} " not in commands]
     # Nothing is fetched to show a page.
@@ -150,6 +152,9 @@ def check_pages(folder, made):
     assert len(pages) > 20
     fetched = re.compile(r'<(?:script|img|link)[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
     assert not [page.name for page in pages if fetched.search(page.read_text("utf-8"))]
+    # Every figure has an alternative text; without one, Sphinx writes the file's path.
+    silent = re.compile(r'<img(?![^>]*\balt="[^".][^"]*")')
+    assert not [page.name for page in pages if silent.search(page.read_text("utf-8"))]
 
 
 @pytest.mark.slow
