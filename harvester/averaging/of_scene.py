@@ -43,7 +43,7 @@ def average(
     fit: bool = False,
     jump_rates: bool = False,
 ) -> Result:
-    """Quantities and densities of a scene by stochastic averaging.
+    """Quantities and densities of a scene without simulation, by a stationary method.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def average(
         For a recorded excitation: use Ornstein–Uhlenbeck noise with D and τ1 fitted to its
         spectrum, and note the deviation.
     jump_rates : bool
-        For several wells, by fokker_planck: also the rates of jumps between them and the slowest
-        decay rate (two or three times as long).
+        For several wells, by fokker_planck: also compute the rates of jumps between them and the
+        slowest decay rate, which takes two or three times as long.
 
     Returns
     -------

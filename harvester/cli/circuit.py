@@ -91,7 +91,7 @@ def export(
         For a block: duration of its test deck and vibration, in s (default: 25 periods); for a
         trace: its duration (default: the scene's).
     rate : float or None
-        Samples a second of csv (default: 10000); Shepherd's is 100000.
+        For csv: samples per second (default: 10000); Shepherd's rate is 100000.
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
 

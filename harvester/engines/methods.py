@@ -124,13 +124,13 @@ class Circuit(Engine):
     scheme : str
         trapezoidal or gear.
     source : str
-        external, the path through compiled callbacks, or pwl, a source in the netlist with
-        ngspice's own steps, for comparison.
+        The source of the excitation, external (samples by compiled callbacks) or pwl (a source in
+        the netlist, with ngspice's own steps; for comparison).
     device : str
-        behavioural elements, one compiled device for mechanics and piezo (the extra `fast`), or
-        automatic: compiled if it is installed. Results agree to 1e-9.
+        behavioural (elements), compiled (one device for mechanics and piezo, of the extra `fast`)
+        or automatic (compiled if it is installed). Results agree to 1e-9.
     copies : int or None
-        Realizations in parallel in one netlist, with the same time steps; None: the fastest number.
+        Number of realizations that run in one netlist, with common time steps; None: the fastest.
     tolerance : float or None
         Relative tolerance of ngspice's control by the local error, which shortens steps below
         `step`; None: fixed steps, or ngspice's own tolerance for "pwl".

@@ -344,8 +344,8 @@ def sweep(
         Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
-        Target relative standard error of each point by the engines; None: use the scene's number of
-        realizations.
+        Target relative standard error of each point by the engines (default: use the scene's number
+        of realizations).
     step : str or float
         default, fine, finest, or the longest step in seconds, for engines given by name.
     time_limit : float
