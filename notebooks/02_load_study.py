@@ -13,7 +13,7 @@
 # %% [markdown]
 # # A load study: which resistance suits my rectifier best, and what does rectifying cost?
 #
-# *For whoever designs the rectifier.*
+# *For designers of rectifiers.*
 #
 # Any SPICE sub-circuit can be the load. This one is a full-wave bridge in a file of its own, as
 # your netlist would be.

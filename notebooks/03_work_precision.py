@@ -13,7 +13,7 @@
 # %% [markdown]
 # # Work and precision: which time step is short enough, and what does a shorter one cost?
 #
-# *For whoever chooses a step, or asks what accuracy costs.*
+# *For users who choose a time step, or ask what accuracy costs.*
 #
 # Two errors matter. The *strong error* is the rms difference of a path from the exact path, by
 # scipy's integrator with eleven digits on the same noise. The *bias* is the error of a mean,

@@ -13,7 +13,7 @@
 # %% [markdown]
 # # The paper of Li, Liu and Li (2023): can its figures be reproduced, and do its statements hold?
 #
-# *For whoever compares this program with that paper.*
+# *For readers of the paper.*
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations are solved by stationary methods, Monte Carlo and the circuit. The file

@@ -13,7 +13,7 @@
 # %% [markdown]
 # # A recorded vibration: what power would this device give on my machine?
 #
-# *For whoever has a record of their machine's vibration.*
+# *For users with a record of their machine's vibration.*
 #
 # A record of the base acceleration replaces the noise: a CSV, `.npy` or `.wav` file with its unit.
 # Circuit and Monte Carlo use the same record.

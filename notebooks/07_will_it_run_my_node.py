@@ -13,7 +13,7 @@
 # %% [markdown]
 # # Will it run my node: does this harvester, on this recorded vibration, power this sensor?
 #
-# *For whoever must know whether a sensor node stays on.*
+# *For designers of sensor nodes.*
 #
 # Mean power and mean consumption do not decide this alone. A converter starts at 5 V, a radio takes
 # a thousand times the sleep current for some milliseconds, and a brown-out (too low a voltage)

@@ -13,7 +13,7 @@
 # %% [markdown]
 # # Does the device move the same way in other simulators?
 #
-# *For whoever designs electronics in another tool.*
+# *For designers of electronics in another tool.*
 #
 # `harvester export` writes one device as a SPICE sub-circuit, as a Verilog-A module and as an FMU.
 # Here each runs in a program that shares no code with this one, on the same vibration, and is
