@@ -51,10 +51,14 @@ nb_execution_mode = "cache"
 nb_execution_in_temp = True
 nb_execution_timeout = 600
 nb_execution_show_tb = True
+# Lines that a cell prints one after another form one output.
+nb_merge_streams = True
 # A page has no kernel that sliders could ask: of those its picture is shown, and no script fetched.
 nb_ipywidgets_js = {}
 nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
 
+# Quotation marks are curved; two hyphens remain, since options begin with them.
+smartquotes_action = "q"
 default_role = "py:obj"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
@@ -64,7 +68,8 @@ napoleon_google_docstring = False
 html_theme = "furo"
 # The site's root leads to its first page.
 html_additional_pages = {"index": "root.html"}
-templates_path = ["templates"]
+# Absolute, since autosummary looks for templates from the source directory, Sphinx from this one.
+templates_path = [str(Path(__file__).parent / "templates")]
 autosummary_context = {
     "examples": {
         name: f"import harvester\n{code}"
@@ -147,7 +152,23 @@ def _generate(app, docname, source):
             source[0] = source[0].replace(mark, text())
 
 
+def _signature(app, what, name, obj, options, signature, returns):
+    """A signature that Sphinx can parse: no default factories, no options of the command line."""
+    kind = r"[~\w.]*(?:Kind\([^)]*\)|[A-Z]+)"
+    signature = re.sub(rf"[~\w.]*Annotated\[(.+?), {kind}\]", r"\1", signature or "")
+    return signature.replace("<factory>", "...") or None, returns
+
+
+def _dashes(app, doctree):
+    """En dashes between a parameter and its description."""
+    for text in list(doctree.findall(nodes.Text)):
+        if text == " -- ":
+            text.parent.replace(text, nodes.Text(" – "))
+
+
 def setup(app):
-    """Register the writer of formulas, and the generated parts of pages."""
+    """Register the writer of formulas, the generated parts of pages, and signatures."""
     app.connect("source-read", _generate)
+    app.connect("autodoc-process-signature", _signature)
+    app.connect("doctree-read", _dashes)
     app.add_html_math_renderer("mathml", (_visit_inline_math, None), (_visit_math_block, None))

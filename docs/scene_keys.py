@@ -12,7 +12,8 @@ HEAD = """# Keys of a scene
 
 The columns SI and scaled give the unit: "·" if there is none, "–" if scenes with these `units`
 cannot have the key. Keys joined by "or" are alternatives: give one. [A data
-sheet](../how-to/data-sheet.md) and [a drawing](../how-to/drawing.md) show their use.
+sheet](../how-to/data-sheet.md) and [a drawing](../how-to/drawing.md) show their use;
+[symbols](glossary.md) lists the symbols. In scaled units, l is `length_scale` and M the mass.
 """
 
 

@@ -11,12 +11,12 @@
 # ---
 
 # %% [markdown]
-# # A load study: which resistance does my own rectifier want, and what does rectifying cost?
+# # A load study: which resistance suits my rectifier best, and what does rectifying cost?
 #
-# *For whoever designs the rectifier.*
+# *For designers of rectifiers.*
 #
-# Any sub-circuit can be the load. This one is a full-wave bridge with its own diodes; it comes from
-# a file, as a netlist of yours would, and no line of Python knows it.
+# Any SPICE sub-circuit can be the load. This one is a full-wave bridge in a file of its own, as
+# your netlist would be.
 
 # %%
 import math
@@ -57,9 +57,10 @@ Rload out ref {resistance}
 # %% [markdown]
 # ## The sweep
 #
-# The rectifier stands beside the plain resistor, which takes the alternating voltage as it is. All
-# points get the same noise, and each runs until the standard error of its output power is 5 %. With
-# `output="folder"` every finished piece is kept: the same call goes on after a break.
+# The rectifier is compared with a plain resistor, which takes the alternating voltage directly. All
+# points receive the same noise, and each runs until the standard error of its output power is 5 %.
+# With `output="folder"` every finished task is stored, and the same call continues after an
+# interruption.
 
 # %%
 scene = harvester.Scene.read("device").replace({"run.settle": 2.0})
@@ -80,9 +81,10 @@ for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
 # %% [markdown]
 # ## The optimum and the ranking
 #
-# A load's optimum is where a parabola through its highest point and the neighbours peaks, with an
-# interval from paired errors; at an edge of the sweep there is none. Loads are ranked by the paired
-# difference between their highest points: the noise that both had cancels.
+# The optimum of a load is the maximum of a parabola through its highest point and the two
+# neighbours. Its interval follows from differences on the same noise; at an end of the sweep there
+# is no optimum. Loads are ranked by the difference between their highest points, in which the
+# common noise cancels.
 
 # %%
 print(*study.sentences(), sep="\n")
@@ -90,7 +92,7 @@ print(*study.sentences(), sep="\n")
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Output power of rectifier and resistor over load resistance"}}
 (found, place) = study.optima[1]
 power = study.best((1,)).estimates["output_power"]
 best = study.grid.sweeps["load.parameters.resistance"][place]

@@ -11,13 +11,14 @@
 # ---
 
 # %% [markdown]
-# # Work and precision: which step is short enough, and what does a shorter one cost?
+# # Work and precision: which time step is short enough, and what does a shorter one cost?
 #
-# *For whoever chooses a step, or asks what accuracy costs.*
+# *For users who choose a time step, or ask what accuracy costs.*
 #
-# Two errors matter. The *strong* error is that of the path itself, against scipy's integrator at
-# eleven digits on the same noise. The *bias* is that of the means, against a fine Monte Carlo run
-# on the same noise: what the noise does to both cancels in the difference.
+# Two errors matter. The *strong error* is the rms difference of a path from the exact path, by
+# scipy's integrator with eleven digits on the same noise. The *bias* is the error of a mean,
+# compared with a Monte Carlo run with fine steps on the same noise, which cancels in the
+# difference.
 
 # %%
 import matplotlib.pyplot as plt
@@ -30,8 +31,8 @@ plt.style.use("harvester.results.house")
 # ## A small diagram
 #
 # `harvester accuracy paper --output results` measures every method on the whole scene. This run is
-# shorter, with weak noise: the motion stays inside the wells, so short runs resolve the bias.
-# If the device jumps between wells, take a longer `run.duration`, or `--thorough`.
+# shorter, with weak noise: the motion stays inside the wells, so that short runs suffice. If the
+# device jumps between wells, choose a longer `run.duration`, or `--thorough`.
 
 # %%
 scene = harvester.Scene.read("paper").replace(
@@ -45,12 +46,12 @@ scene = harvester.Scene.read("paper").replace(
 diagram = harvester.accuracy(scene)
 
 # %% [markdown]
-# ## Reading it
+# ## Read the result
 #
-# In the first panel of the figure at the end, each line falls with the order of its scheme: half
-# the step costs twice the time, and divides the error by 4 (order 2) or 16 (order 4). A bias below
-# the grey line is below the sampling error of the run: to improve that answer, lengthen the run
-# instead of shortening the step.
+# In the first panel of the figure at the end, the slope of each line is the order of its scheme:
+# half the step takes twice the time, and divides the error by 4 (order 2) or 16 (order 4). The grey
+# line is the sampling error of the run. If a bias is below this line, a longer run improves the
+# result more than a shorter step.
 
 # %%
 for row in diagram.rows:
@@ -65,7 +66,7 @@ for row in diagram.rows:
 # ## Answer
 
 
-# %%
+# %% mystnb={"image": {"alt": "Error of every method over run time"}}
 def largest_bias(row):
     """Largest bias of a row's means, plus three of its standard errors."""
     return max(abs(bias.estimate) + 3.0 * bias.standard_error for bias in row.bias.values())

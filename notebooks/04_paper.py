@@ -11,13 +11,13 @@
 # ---
 
 # %% [markdown]
-# # The paper of Li, Liu and Li (2023): do its figures come out again, and do its statements hold?
+# # The paper of Li, Liu and Li (2023): can its figures be reproduced, and do its statements hold?
 #
-# *For whoever compares this program with that paper.*
+# *For readers of the paper.*
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
-# Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:
-# `harvester/validation/paper.toml`.
+# Here the same equations are solved by stationary methods, Monte Carlo and the circuit. The file
+# `harvester/validation/paper.toml` contains the figures and statements.
 
 # %%
 import matplotlib.pyplot as plt
@@ -29,13 +29,13 @@ plt.style.use("harvester.results.house")
 scene = harvester.Scene.read("paper")
 
 # %% [markdown]
-# ## One figure, quickly
+# ## One figure
 #
 # Fig. 5 is the density of the displacement for two noise intensities and two correlation times.
-# Lines are closures, symbols simulation with two standard errors. `harvester reproduce all` draws
-# all of them, with longer runs where `--quick` is left out.
+# Lines are stationary methods, symbols are simulations with bars of two standard errors. `harvester
+# reproduce all` draws all figures; without `--quick` its runs are longer.
 
-# %%
+# %% tags=["table"]
 (fifth,) = harvester.reproduce(scene, ["fig5"], quick=True)
 heads, rows = fifth.table()
 for row in [heads, *rows]:
@@ -44,9 +44,10 @@ for row in [heads, *rows]:
 # %% [markdown]
 # ## Two statements
 #
-# `harvester reproduce claims` tests every statement of the paper. Here are two of them, on the
-# coupling coefficient β, at D = 0.08, where the mass jumps between the wells. The paper says that
-# both E[V²] and E[P] rise with β. A change counts if it exceeds three standard errors.
+# `harvester reproduce claims` tests every statement of the paper. This cell tests two of them at
+# the noise intensity D = 0.08, with jumps between the wells: the mean-square voltage E[V²] and the
+# mean power E[P] rise with the coupling coefficient β. A change is significant if it exceeds three
+# standard errors.
 
 # %%
 QUANTITIES = {"E[V²]": "mean_square_voltage", "E[P]": "mean_power"}
@@ -70,14 +71,14 @@ for method, (first, last) in answers.items():
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Density of the displacement by every method, in four panels"}}
 distances = {row[2]: row[7].lstrip("+") for row in rows if row[1].startswith("a")}
 says = {symbol: f"{symbol} rises with β" for symbol in QUANTITIES}
 held = [says[symbol] for symbol in says if changes["monte-carlo", symbol] > 3.0]
 failed = [says[symbol] for symbol in says if changes["monte-carlo", symbol] < -3.0]
 print(
     f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "
-    f"closure fokker_planck {distances['fokker_planck']} and the closure as printed "
+    f"method fokker_planck {distances['fokker_planck']} and the method as printed "
     f"{distances['paper']}; "
     f"of the statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."

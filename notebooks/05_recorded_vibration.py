@@ -13,10 +13,10 @@
 # %% [markdown]
 # # A recorded vibration: what power would this device give on my machine?
 #
-# *For whoever has a record of their machine's vibration.*
+# *For users with a record of their machine's vibration.*
 #
-# A record of base acceleration replaces the noise: a CSV, `.npy` or `.wav` file with its unit. It
-# goes to the circuit and to Monte Carlo alike.
+# A record of the base acceleration replaces the noise: a CSV, `.npy` or `.wav` file with its unit.
+# Circuit and Monte Carlo use the same record.
 
 # %%
 import math
@@ -34,9 +34,8 @@ plt.style.use("harvester.results.house")
 # %% [markdown]
 # ## A record
 #
-# No measured record comes with the project, so one is made up: five minutes at 100 Hz, a broad
-# hum around 12 Hz and slow background noise, in units of g. Put the path of your own file in place
-# of `path` and go on from there.
+# This example generates a record: five minutes at 100 Hz, with a broad peak around 12 Hz and slow
+# background noise, in units of g. For your own record set `path` to its file.
 
 # %%
 rate, length = 100.0, 300.0
@@ -56,10 +55,10 @@ np.savetxt(path, table, "%.6f", ",", header="time,vertical", comments="")
 # %% [markdown]
 # ## The scene
 #
-# `device` is a centimetre-scale harvester. Its table `[excitation]` is replaced by the record; the
-# run covers one pass of it. `knot_spacing` fills in between the samples, which 100 Hz leave far
-# apart for 12 Hz. A record that is uneven, clipped, too short or holds gaps is refused in one line,
-# or mended where `mend` asks for it.
+# `device` is a centimetre-scale harvester. Its table `[excitation]` is replaced by the record,
+# which the run uses once. `knot_spacing` adds interpolated samples, since 100 Hz is a low sampling
+# rate for vibration at 12 Hz. A record that is too short, unevenly sampled or clipped, or that has
+# gaps, is rejected with a message; the key `mend` repairs such faults.
 
 # %%
 tables = harvester.Scene.read("device").to_tables()
@@ -92,8 +91,8 @@ print(*results["circuit"].notes, sep="\n")
 # %% [markdown]
 # ## Does averaging apply?
 #
-# Only to Ornstein–Uhlenbeck noise. `fit` looks for the one that resembles the record, and says how
-# far they are apart.
+# Averaging applies only to coloured (Ornstein–Uhlenbeck) noise. `fit` fits it to the record,
+# and a note reports how much their spectra differ.
 
 # %%
 try:
@@ -105,7 +104,7 @@ except harvester.HarvesterError as error:
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Spectrum of the record; piezo voltage by circuit, Monte Carlo"}}
 circuit, monte_carlo = (results[engine].quantity("mean_power") for engine in results)
 joint = math.hypot(circuit.standard_error, monte_carlo.standard_error)
 print(

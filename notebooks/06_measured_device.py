@@ -15,9 +15,10 @@
 #
 # *For laboratories: from a shaker record to the best load.*
 #
-# Its mass and the load's resistance are known, its coefficients are not. A shaker record of base
-# acceleration and voltage gives them, each with an interval; a third of the record is kept aside
-# and says how far the model predicts. Then the best load is a matter of simulation.
+# The mass of the device and the load resistance are known, its other coefficients are not. They are
+# fitted to a shaker record of base acceleration and voltage, each with an interval. The last third
+# of the record is excluded from the fit, and tests the model's prediction. The best load then
+# follows from simulation.
 
 # %%
 import tempfile
@@ -33,9 +34,9 @@ plt.style.use("harvester.results.house")
 # %% [markdown]
 # ## A record
 #
-# No measured record comes with the project, so one is made: the scene `device` with values that the
-# rest of the notebook does not know, shaken for half a minute, and 2 % of noise on the voltage. Put
-# the path of your own file in place of `path` and go on from there.
+# This example generates a record by simulation: the scene `device` with other coefficients, half a
+# minute on a shaker, and 2 % of noise on the voltage. The coefficients are not used below. For your
+# own record set `path` to its file.
 
 # %%
 true = harvester.Scene.read("device").replace(
@@ -73,20 +74,22 @@ np.savetxt(path, columns, "%.7g", ",", header=header, comments="")
 # %% [markdown]
 # ## From the record to a scene
 #
-# `device` as it comes with the project is the first guess. Mass and load are believed; the rest is
-# fitted to the first two thirds of the record.
+# The scene `device` gives the initial values. Mass and load resistance are fixed; the other values
+# are fitted to the first two thirds of the record.
 
-# %%
+# %% tags=["table"]
 found = harvester.identify("device", path)
 header, rows = found.table()
-for row in rows:
-    print(f"{row[0]:30} {row[2]:>12}   {row[3]}   ({row[4]})")
+for row in [header, *rows]:
+    print(f"{row[0]:27}{row[1]:>26}{row[2]:>8}  {row[3]}")
+
+# %%
 print(found.headline(), *found.sentences(), sep="\n")
 
 # %% [markdown]
 # ## The best load
 #
-# The identified scene is a scene like any other.
+# The identified scene can be used like any other scene.
 
 # %%
 scene = found.scene.replace({"run.realizations": 16})
@@ -102,11 +105,11 @@ for resistance in resistances:
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Measured and predicted voltage, residuals and spectra"}}
 best = int(np.argmax([each.estimate for each in powers]))
 difference = found.records[0].powers()[2]
 print(
-    f"On data kept aside the identified model predicts the mean power to "
+    f"On data that no fit used the identified model predicts the mean power to "
     f"{100.0 * difference.estimate:+.2f} ± {100.0 * difference.standard_error:.2f} %, and among "
     f"these loads {resistances[best] / 1e3:.0f} kΩ gives most, {powers[best].estimate * 1e3:.2f} ± "
     f"{powers[best].standard_error * 1e3:.2f} mW."

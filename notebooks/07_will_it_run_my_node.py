@@ -13,12 +13,12 @@
 # %% [markdown]
 # # Will it run my node: does this harvester, on this recorded vibration, power this sensor?
 #
-# *For whoever must know whether a sensor node stays up.*
+# *For designers of sensor nodes.*
 #
-# Mean power against mean consumption is half of the answer. The rest are thresholds: a converter
-# that starts at 5 V, a radio that takes a thousand times the sleeping current for some
-# milliseconds, a brown-out that resets everything. So the whole chain is simulated, from the
-# vibration to the radio's bursts.
+# Mean power and mean consumption do not decide this alone. A converter starts at 5 V, a radio takes
+# a thousand times the sleep current for some milliseconds, and a brown-out (too low a voltage)
+# resets the node. The notebook therefore simulates the whole chain, from the vibration to the
+# bursts of the radio.
 
 # %%
 import tempfile
@@ -34,9 +34,9 @@ plt.style.use("harvester.results.house")
 # %% [markdown]
 # ## A record
 #
-# No measured record comes with the project, so one is made up: five minutes at 100 Hz, a hum
-# around 12 Hz and slow background noise, 0.1 g rms, of a machine that works for 15 s and rests for
-# 45 s. Put the path of your own file in place of `path` and go on from there.
+# This example generates a record: five minutes at 100 Hz, with a broad peak around 12 Hz and slow
+# background noise, 0.1 g rms. The machine runs for 15 s of every minute. For your own record set
+# `path` to its file.
 
 # %%
 rate, length, rms = 100.0, 300.0, 0.1
@@ -55,13 +55,15 @@ np.savetxt(path, table, "%.6f", ",", header="time,vertical", comments="")
 # %% [markdown]
 # ## The chain
 #
-# The load `node_buck` is a bridge, a buffer, a buck converter with lockout (LTC3588-1 class) and a
-# node that wakes once a second for an advertisement by radio (nRF52832 class). Its file in
-# `netlists/` tells where each value is from, and what is to be measured: lines `* measure: …` in a
-# netlist of your own do the same. Each realization begins elsewhere in the record, with empty
-# capacitors. Does the sheet's buffer of 22 µF do, or does one ten times as large bridge the rests
-# better? It charges ten times as long, so its runs settle for longer. `method="circuit"` asks
-# ngspice the same, in some twenty times the time.
+# The load `node_buck` consists of a bridge, a buffer capacitor, a buck converter with
+# undervoltage lockout (LTC3588-1 class), and a node that sends a radio advertisement once a
+# second (nRF52832 class). Its file in `netlists/` gives the source of each value. Its lines `*
+# measure: …` define the quantities below; your own netlist may contain such lines. Each
+# realization begins at another time of the record, with empty capacitors.
+#
+# Two buffers are compared: the data sheet's 22 µF, and 220 µF to bridge the machine's pauses. The
+# larger one charges ten times as long, so that its runs settle for longer. `method="circuit"` would
+# run the same chain in ngspice, in about twenty times the time.
 
 
 # %%
@@ -111,7 +113,7 @@ for name, result in results.items():
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Share of time on, and share of the energy by stage"}}
 small, large = results.values()
 
 

@@ -13,11 +13,11 @@
 # %% [markdown]
 # # Does the device move the same way in other simulators?
 #
-# *For whoever designs electronics in another tool.*
+# *For designers of electronics in another tool.*
 #
-# `harvester export` writes one device as a sub-circuit for SPICE, as a Verilog-A module and as an
-# FMU. Here each of them runs in a program that shares no code with this one, on the same
-# vibration, and is compared with this program's circuit. Tools that are not installed are left out.
+# `harvester export` writes one device as a SPICE sub-circuit, as a Verilog-A module and as an FMU.
+# Here each runs in a program that shares no code with this one, on the same vibration, and is
+# compared with this program's circuit. Tools that are not installed are omitted.
 
 # %%
 import os
@@ -38,7 +38,8 @@ folder = Path(tempfile.mkdtemp())
 # %% [markdown]
 # ## The device
 #
-# A beam that strikes a stopper on its right. Other tools must resolve the contact by their steps.
+# The device is a beam that strikes a stopper on its right. Other tools must resolve the contact by
+# their own time steps.
 
 # %%
 SECONDS = 3.0
@@ -85,7 +86,7 @@ keep("circuit", circuit.time, 1e3 * circuit.displacement)
 # %% [markdown]
 # ## ngspice and VACASK
 #
-# Both run the deck that was exported with the block.
+# Both run the test deck (a complete netlist) that was exported with the block.
 
 
 # %%
@@ -121,9 +122,9 @@ run("VACASK", vacask, "verilog-a", f"{name}_test.sim", "x", "-qp")
 # %% [markdown]
 # ## FMPy and PathSim
 #
-# The FMU contains a load resistor. The acceleration of its base is exchanged every half
-# millisecond, a fifth of the time between two samples. Both programs hold an input constant over
-# an exchange, which delays it by half an exchange; so they get the value at the middle.
+# The FMU contains a load resistor. The communication step for the base acceleration is half a
+# millisecond, a fifth of the time between two samples. Both programs hold an input constant over a
+# step, which would delay it by half a step; they therefore receive the value at the step's middle.
 
 # %%
 EXCHANGE = 0.5e-3
@@ -176,7 +177,7 @@ for tool, drive in (("FMPy", by_fmpy), ("PathSim", by_pathsim)):
 # %% [markdown]
 # ## Answer
 
-# %%
+# %% mystnb={"image": {"alt": "Displacement by circuit and other tools, and deviations"}}
 scale = np.std(paths["circuit"])
 off = {
     tool: float(np.sqrt(np.mean((path - paths["circuit"]) ** 2)) / scale)

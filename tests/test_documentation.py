@@ -190,6 +190,12 @@ def test_a_guide_is_short(page):
     assert len(page.read_text(encoding="utf-8").split()) <= 900
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_line_of_text_is_a_comment(page):
+    """MyST omits lines that begin with a percent sign."""
+    assert not re.findall("^%.*", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
 def test_the_citation_has_the_programs_version():
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {harvester.__version__}\n" in text

@@ -43,7 +43,7 @@ RECTIFIER_NEWTON = 1e-6
 RECTIFIER_STEP = f"reltol={RECTIFIER_NEWTON!r} trtol=1e9 itl4=100"
 # Switching loads have short steps, in which rounding of a large capacitor's current moves nodes
 # with only stray capacitances. Newton's tolerance is ROUNDING_MARGIN times this rounding error, at
-# least that of rectifiers and at most GREATEST_NEWTON.
+# least RECTIFIER_NEWTON and at most GREATEST_NEWTON.
 ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
 # Tolerance of the local error for loads with jumps.
 LOAD_TOLERANCE = 1e-5

@@ -159,7 +159,7 @@ def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal
 def _check_size(knots, stop, spacing):
     if knots > MOST_KNOTS:
         raise NetlistError(
-            f"run.settle + run.duration = {stop:.4g} s with a knot of the noise every "
+            f"run.settle + run.duration = {stop:.4g} s with a sample of the noise every "
             f"{spacing:.3g} s are {knots:.3g} points in the netlist, and at most {MOST_KNOTS} are "
             f"written: shorten the run to {MOST_KNOTS * spacing:.3g} s"
         )
@@ -188,7 +188,7 @@ def _header(before, scene, netlist, scales):
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         "If this file has another name, write that name after the .raw file.",
         "ngspice searches all points of the PWL source at every step: its time grows with the",
-        "square of run.duration, unlike that of harvester simulate --method circuit.",
+        "square of run.duration, unlike the time of harvester simulate --method circuit.",
         *LICENCE,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 CHUNK = 16384
 # Finer steps than these do not reduce the error tolerance.
 FINEST = STEP_LEVELS["finest"]
-# Reasons for the end of a run in addition to those of `advance`: no progress, unbounded voltages.
+# Reasons for the end of a run, in addition to `advance`'s: no progress, unbounded voltages.
 CRAWLING, UNBOUNDED = -1, -2
 SCHEME = "TR-BDF2"
 

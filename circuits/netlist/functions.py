@@ -1,6 +1,6 @@
 """Functions and operators of SPICE expressions: a table of values, slopes and spellings.
 
-Definitions are those of ngspice 46 in a behavioural source. `circuits.netlist.expression_graph`
+Definitions follow ngspice 46 in a behavioural source. `circuits.netlist.expression_graph`
 compiles values and slopes; Python uses the same functions for constants.
 """
 

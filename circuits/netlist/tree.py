@@ -43,7 +43,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Visible:
-        """The visible names, including those of enclosing definitions."""
+        """The visible names, including names of enclosing definitions."""
         around = self.around()
         parameters = (values for c in around for values in (c.local, c.parameters))
         return Visible(

@@ -1,4 +1,4 @@
-"""Result of a closure: stationary means, their errors and densities."""
+"""Result of a stationary method: means, their errors and densities."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +20,7 @@ class Averages:
     mean_transducer_loss
         Power lost in leak or winding, s⁻³.
     share_in_wells : float or None
-        Probability of the orbits inside a well; 0 for a monostable device. None for closures that
+        Probability of the orbits inside a well; 0 for a monostable device. None for methods that
         do not average over orbits.
     numerical_error
         Numerical error of each mean above, and of the means in `between_wells`.

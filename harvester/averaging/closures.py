@@ -1,4 +1,4 @@
-"""Stationary means by three closures: two average over orbits, one does not."""
+"""Stationary means by three methods: two average over orbits, one does not."""
 
 import pkgutil
 from collections.abc import Callable, Iterable
@@ -14,7 +14,7 @@ from harvester.device.system import System
 
 
 class StationaryMethod(NamedTuple):
-    """A closure: one method for stationary means.
+    """A stationary method, which computes means without simulation.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class StationaryMethod(NamedTuple):
 
 
 def notes_on_errors(methods: Iterable[str]) -> list[str]:
-    """Note on the meaning of ± for closures; empty if none of these methods is a closure."""
+    """Note on the meaning of ± for stationary methods; empty if none of these methods is one."""
     names = [name for name in dict.fromkeys(methods) if name.partition(" (")[0] in CLOSURES]
-    meaning = "± is the numerical error alone, without that of the approximation"
+    meaning = "± is the numerical error alone, without the error of the approximation"
     return [f"{', '.join(names)}: {meaning}"] if names else []
 
 
@@ -53,7 +53,7 @@ def average(
     device : harvester.device.system.System
     closure : {"paper", "consistent", "fokker_planck"}
     tolerance : float, optional
-        Largest accepted relative numerical error; by default the closure's own. `fokker_planck`
+        Largest accepted relative numerical error; by default the method's own. `fokker_planck`
         refines its grid until it is met.
     memory : bool
         For `fokker_planck`: also find the slowest decay rate between wells.
@@ -61,7 +61,7 @@ def average(
     Raises
     ------
     AveragingError
-        Unknown closure; unconfined or undamped motion; means that the grid does not resolve. For
+        Unknown method; unconfined or undamped motion; means that the grid does not resolve. For
         `paper` and `consistent` also: a device unlike the source paper's, a noise correlation time
         above the relaxation time, β ≥ ω0² of a bistable device.
 
@@ -81,7 +81,7 @@ def average(
     if closure not in CLOSURES:
         names = ", ".join(CLOSURES)
         hint = nearest(closure, CLOSURES) or ", and engines are for `simulate`"
-        raise AveragingError(f"{closure}: no such closure{hint}; use {names}")
+        raise AveragingError(f"{closure}: no such method{hint}; use {names}")
     chosen = CLOSURES[closure]
     if chosen.of_spectrum:
         raise AveragingError(f"{closure}: takes a scene: harvester.average(scene, method=…)")
@@ -103,5 +103,5 @@ CLOSURES: Registry[StationaryMethod] = Registry(
         "spectral": StationaryMethod(partial(_by, "spectral:spectral"), 1e-6, of_spectrum=True),
     },
 )
-# Closures that support the noise of Eq. 6, also for nonlinear devices.
+# Stationary methods that support the noise of Eq. 6, also for nonlinear devices.
 NOISE_CLOSURES = tuple(name for name, closure in CLOSURES.items() if not closure.of_spectrum)

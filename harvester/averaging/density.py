@@ -1,4 +1,4 @@
-"""Stationary densities of the averaging closures (Eqs. 26 and 27)."""
+"""Stationary densities of the averaging methods (Eqs. 26 and 27)."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Closure `fokker_planck`: stationary density of motion (X, X'), charge Z and noise η.
+"""Method `fokker_planck`: stationary density of motion (X, X'), charge Z and noise η.
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is advanced in time by
 `propagator`. The stationary density is invariant under P, the propagator over about one period:
@@ -47,8 +47,8 @@ SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 REGION_ATTEMPTS = 8
 # Shortest contact, in periods of small oscillations; devices with shorter ones are rejected.
 SHORTEST_CONTACT = 2e-2
-# Decay rate times period: above the first value steps would be too short; below the second so many
-# vectors would be needed that means are extrapolated from faster rates instead.
+# Decay rate times period: above the first value steps would be too short. Below the second the
+# solver would need too many vectors, and means are extrapolated from faster rates instead.
 FASTEST_DECAY = 60.0
 SLOWEST_DECAY = 2e-3
 # Means at slower rates are extrapolated linearly from the slowest rate and FARTHER times that rate.

@@ -1,4 +1,4 @@
-"""Stationary densities of the closure `fokker_planck`, between the nodes of its grid."""
+"""Stationary densities of the method `fokker_planck`, between the nodes of its grid."""
 
 from functools import cached_property
 from typing import Any

@@ -1,4 +1,4 @@
-"""Method object of a closure, with its settings."""
+"""Method object of a stationary method, with its settings."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,13 +7,13 @@ from harvester.base.arguments import check_name
 from harvester.base.method import Method
 from harvester.base.signatures import Share
 
-# The default closure: it holds for the widest range of devices.
+# The default stationary method: it holds for the widest range of devices.
 DEFAULT_CLOSURE = "fokker_planck"
 
 
 @dataclass(frozen=True)
 class Stationary(Method):
-    """Stationary means and densities by a closure, without simulation.
+    """Stationary means and densities by a stationary method, without simulation.
 
     Attributes
     ----------
@@ -35,10 +35,10 @@ class Stationary(Method):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of the method, without the closure, which is its name."""
+        """The settings of the method, without its name."""
         return {name: value for name, value in super().settings.items() if name != "closure"}
 
     @property
     def name(self) -> str:
-        """The name of the closure."""
+        """The name of the stationary method."""
         return self.closure

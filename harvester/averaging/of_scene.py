@@ -1,4 +1,4 @@
-"""`average`: a closure's result for a scene, in the form of an engine's result."""
+"""`average`: a stationary method's result for a scene, in the form of an engine's result."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def average(
     fit: bool = False,
     jump_rates: bool = False,
 ) -> Result:
-    """Quantities and densities of a scene by stochastic averaging.
+    """Quantities and densities of a scene without simulation, by a stationary method.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def average(
         fokker_planck (stationary density without averaging), paper (Eqs. 10–37 as printed,
         misprints corrected), consistent (with the constant force of the piezo in the potential) or
         spectral (linear device, exact from the spectrum of its excitation). In Python also
-        `Stationary(…)`, which holds the settings below itself.
+        `Stationary(…)`, an object that holds the settings below.
     tolerance : float or None
         Largest accepted relative numerical error (default: 1e-2; paper, consistent 1e-3, spectral
         1e-6).
@@ -61,8 +61,8 @@ def average(
         For a recorded excitation: use Ornstein–Uhlenbeck noise with D and τ1 fitted to its
         spectrum, and note the deviation.
     jump_rates : bool
-        For several wells, by fokker_planck: also the rates of jumps between them and the slowest
-        decay rate (two or three times as long).
+        For several wells, by fokker_planck: also compute the rates of jumps between them and the
+        slowest decay rate, which takes two or three times as long.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def average(
     Raises
     ------
     AveragingError
-        Unknown closure, or one that is not valid for these parameters.
+        Unknown stationary method, or one that is not valid for these parameters.
     LoadError
         The load is no resistor.
 
@@ -146,7 +146,7 @@ def average(
 
 
 def _left_out(system, closure):
-    """Notes on effects of the device that the closure leaves out."""
+    """Notes on effects of the device that the stationary method leaves out."""
     from harvester.averaging.closures import CLOSURES
 
     share = system.transducer.base_rate(1.0)
@@ -162,7 +162,7 @@ def _left_out(system, closure):
 def averages_of(
     prepared_scene: Prepared, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """Scaled means by a closure for a scene; see `harvester.averaging.closures.average`."""
+    """Scaled means of a scene by a method; see `harvester.averaging.closures.average`."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.closures import average as average_parameters
     from harvester.scene.units import require_resistor
@@ -183,7 +183,7 @@ def averaged_device(prepared_scene: Prepared) -> System:
     LoadError
         The load is no resistor.
     AveragingError
-        The closure does not support the excitation.
+        The stationary method does not support the excitation.
     """
     from harvester.scene.units import require_resistor
 
@@ -206,7 +206,7 @@ def _refuse_range(scene):
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
-    """A closure's means as estimates with its numerical error."""
+    """A stationary method's means as estimates with its numerical error."""
     from harvester.statistics.estimate import Estimate, root
 
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells

@@ -239,7 +239,7 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
         if not solution.success.all():
             raise AveragingError(
                 "the iteration for the orbits' frequency ω and added stiffness N2 did not "
-                "converge; change coupling or load, or use the closure fokker_planck"
+                "converge; change coupling or load, or use the method fokker_planck"
             )
         added = solution.x
     return OrbitFamily(edge, level, added, nodes)

@@ -1,4 +1,4 @@
-"""Stationary means by averaging over orbits: the closures `paper` and `consistent`."""
+"""Stationary means by averaging over orbits: the methods `paper` and `consistent`."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -59,7 +59,7 @@ def _check(s):
         if holds:
             raise AveragingError(
                 f"{reason}: averaging over orbits holds for the symmetric device of Li, Liu "
-                "and Li (2023) only; use the closure fokker_planck, or simulate"
+                "and Li (2023) only; use the method fokker_planck, or simulate"
             )
     linear, cubic = stiffnesses(s)
     if linear <= 0.0 and cubic <= 0.0 and not any(law.stiffness > 0.0 for law in laws):
@@ -72,13 +72,13 @@ def _check(s):
         raise AveragingError(
             f"correlation_time={memory:g} is above the relaxation time of {relaxation:.3g} s; "
             "averaging assumes noise whose correlation time is shorter than the time in which the "
-            "energy changes: use the closure fokker_planck, or simulate"
+            "energy changes: use the method fokker_planck, or simulate"
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(
-            f"the open piezo's stiffness is {-s.transducer.coupling / linear:.3g} times that of "
+            f"the open piezo's stiffness is {-s.transducer.coupling / linear:.3g} times "
             "oscillator.linear_stiffness, which leaves no double well; averaging needs less than 1 "
-            "(less coupling): use the closure fokker_planck"
+            "(less coupling): use the method fokker_planck"
         )
 
 

@@ -9,8 +9,8 @@ A step is the flow of the device at constant Z and η, followed by the changes o
 
 Half steps of the second and third kind, which commute, come first and last (Strang), so that the
 error is of second order in the step. The main error is that noise acts as one impulse per step: the
-spectrum of this impulse train differs from that of η. A factor at each X therefore corrects the
-spectrum at the frequency √U''(X).
+spectrum of this impulse train differs from the spectrum of η. A factor at each X therefore corrects
+it at the frequency √U''(X).
 """
 
 from __future__ import annotations

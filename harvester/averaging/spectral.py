@@ -79,7 +79,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 def spectral_refusal(system: System, excitation: Excitation) -> str:
     """Reason why the spectrum alone does not give the means; empty if it does."""
     averaged = not excitation.averaging_refusal()
-    remedy = "simulate" + ", or take the closure fokker_planck" * averaged
+    remedy = "simulate" + ", or take the method fokker_planck" * averaged
     if not system.spring.straight:
         return f"the spring is not linear: {remedy}"
     if system.contacts:

@@ -60,7 +60,7 @@ class FolderInUse(OutputError):
 
 
 class AveragingError(HarvesterError):
-    """A closure is not valid for these parameters."""
+    """A stationary method is not valid for these parameters."""
 
 
 class OptimumError(HarvesterError):

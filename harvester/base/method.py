@@ -1,4 +1,4 @@
-"""Base class of all methods (engines and closures), whose fields are settings."""
+"""Base class of all methods (engines and stationary methods), whose fields are settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harvester.base.plain_text import shown
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """A method of computing results: an engine (simulation) or a closure (stochastic averaging).
+    """A method of computing results: an engine (simulation) or a stationary method (without).
 
     Every field is a setting with a default. A name, such as "circuit", is short for the object with
     its defaults.

@@ -43,7 +43,7 @@ def netlist(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int
-        Number of the realization with the noise path.
+        Number of the realization whose noise path is written.
 
     Examples
     --------
@@ -84,14 +84,14 @@ def export(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int or None
-        Number of the realization with the noise path (default: 0).
+        Number of the realization whose noise path is written (default: 0).
     displacement_unit : float or None
-        Metres for a volt at a block's pin x (default: 1e-3).
+        Displacement in metres that one volt at a block's pin x represents (default: 1e-3).
     duration : float or None
         For a block: duration of its test deck and vibration, in s (default: 25 periods); for a
         trace: its duration (default: the scene's).
     rate : float or None
-        Samples a second of csv (default: 10000); Shepherd's is 100000.
+        For csv: samples per second (default: 10000); Shepherd's rate is 100000.
     data : str or None
         For shepherd: ivsample (default), or isc_voc.
 
@@ -203,7 +203,7 @@ def engine(*, json: File | None = None) -> None:
     Parameters
     ----------
     json : str or None
-        Write JSON; - for standard output.
+        File for JSON; - is standard output.
 
     Examples
     --------

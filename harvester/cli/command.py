@@ -75,14 +75,14 @@ class Command:
         """The command's options, each with its help."""
         yield from options_shown(self.target)
         if self.returns_result:
-            yield Option.of("json", File), "Write JSON; - for standard output."
+            yield Option.of("json", File), "File for JSON; - is standard output."
             if not self.takes_runner:
                 yield Option.of("output", Folder), "Folder for JSON and figure."
             if self.is_run:
                 text = "Write a realization over time (see --window, --node): .csv, .nc, .png, .svg"
                 yield Option.of("waveform", File), f"{text} or .pdf."
             yield Option.of("report", File), "Write one self-contained HTML page with all results."
-        yield Option.of("quiet", bool, False), "Show errors only, and output to -."
+        yield Option.of("quiet", bool, False), "Print errors only, and output whose file is -."
 
     def callback(self, scenes: Collection[str] = ()) -> Callable[..., int | None]:
         """Return the function whose signature cyclopts reads; `scenes`: see `parameter_of`."""

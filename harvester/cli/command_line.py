@@ -24,7 +24,7 @@ from harvester.cli.options import WORD
 from harvester.cli.shown import print_error
 from harvester.cli.table import COMMANDS, app_of
 
-# Options of the same meaning: former names, and those of other commands.
+# Options of the same meaning: former names, and names in other commands.
 SYNONYMS = (
     ("--method", "--engine", "--closure"),
     ("--over", "--sweep", "--vary", "--values"),
@@ -143,7 +143,7 @@ def _refusal(error, words, called):
     options = ["--help", *(option.spelling for option in shown)]
     unused = sorted(error.unused_tokens or (), key=lambda word: not word.startswith("-"))
     if isinstance(error, MissingArgumentError):
-        # An option that is present but missing was read as the value of the preceding option.
+        # A missing option that is present was read as the value of the option before it.
         missing = error.keyword or (error.argument.name if error.argument else "")
         before = error.keyword or (missing in words and words[words.index(missing) - 1])
         if before:

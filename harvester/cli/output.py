@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def study_runner(**running: Unpack[RunnerOptions]) -> Iterator[Runner]:
-    """A runner for the block, see `harvester.open_runner`; print the next step if it is
-    interrupted.
+    """Yield an open runner (`harvester.open_runner`); if the block is interrupted, raise
+    KeyboardInterrupt with advice on how to continue.
     """
     from harvester.engines.opening import open_runner
 

@@ -116,7 +116,7 @@ class PiezoTable(TransducerTable):
         "leakage rate", scaled="1/(R_leak Cp), 1/s", units=(SCALED,)
     )
     base_charge: float = key(
-        "charge that the base moves: Q, by 1 m/s²", "C s²/m", "Q/θ at μ = 1, s²",
+        "charge that the base moves: Q per acceleration", "C s²/m", "Q/θ at μ = 1, s²",
         default=0.0, rare=True, drawn=True,
     )  # fmt: skip
     k2: float | None = positive(

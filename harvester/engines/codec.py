@@ -104,7 +104,7 @@ def unpacked(content: bytes, key: str) -> object:
     except NotAnAnswer:
         raise
     except Exception as error:
-        raise NotAnAnswer("its fields are not those of an answer") from error
+        raise NotAnAnswer("it has other fields than an answer") from error
 
 
 def read(path: os.PathLike, key: str) -> object:

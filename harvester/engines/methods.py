@@ -119,18 +119,18 @@ class Circuit(Engine):
     Attributes
     ----------
     step : str or float
-        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
-        division of the knot spacing, and shorter in contact.
+        default, fine, finest, or the longest step in seconds. It is rounded down so that a whole
+        number of steps fits between two samples of the excitation; in contact it is shorter.
     scheme : str
         trapezoidal or gear.
     source : str
-        external, the path through compiled callbacks, or pwl, a source in the netlist with
-        ngspice's own steps, for comparison.
+        The source of the excitation, external (samples by compiled callbacks) or pwl (a source in
+        the netlist, with ngspice's own steps; for comparison).
     device : str
-        behavioural elements, one compiled device for mechanics and piezo (the extra `fast`), or
-        automatic: compiled if it is installed. Results agree to 1e-9.
+        behavioural (elements), compiled (one device for mechanics and piezo, of the extra `fast`)
+        or automatic (compiled if it is installed). Results agree to 1e-9.
     copies : int or None
-        Realizations in parallel in one netlist, with the same time steps; None: the fastest number.
+        Number of realizations that run in one netlist, with common time steps; None: the fastest.
     tolerance : float or None
         Relative tolerance of ngspice's control by the local error, which shortens steps below
         `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
@@ -233,7 +233,7 @@ DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 def engine_of(method: str | Method, **options: Any) -> Engine:
     """The engine of a call, given by name and options or as an object.
 
-    Raises HarvesterError for an unknown name, a closure, or an unknown option.
+    Raises HarvesterError for an unknown name, a stationary method, or an unknown option.
     """
     if isinstance(method, Engine):
         return method.check_options_agree(options, DEFAULTS)
@@ -242,8 +242,8 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
     if isinstance(method, Stationary) or str(method).replace("-", "_") in (*CLOSURES, "averaging"):
         raise HarvesterError(
-            f"method {method}: is a closure, which does not simulate: {', '.join(CLOSURES)} "
-            f"are for average, sweep, load_study and optimum; here there are {', '.join(ENGINES)}"
+            f"method {method}: does not simulate: {', '.join(CLOSURES)} are for average, sweep, "
+            f"load_study and optimum; here there are {', '.join(ENGINES)}"
         )
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
@@ -252,7 +252,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
 
 def method_of(method: str | Method, **options: Any) -> Method:
-    """The engine or the closure of a call; see `engine_of`."""
+    """The engine or the method of a call; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
     from harvester.averaging.closures import CLOSURES

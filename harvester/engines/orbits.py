@@ -218,7 +218,7 @@ def note_on_repeats(prepared_scene: Prepared) -> tuple[str, ...]:
     return (
         f"run.realizations = {requested}: the excitation is deterministic, so that realizations "
         f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
-        "others",
+        "random starts",
     )
 
 
@@ -242,7 +242,9 @@ def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
     from_start = scene.start is not None and scene.run.orbit == "rest"
     words = "from [start]" if from_start else ORBITS[str(scene.run.orbit)]
     head, first = f"the orbit {words} is followed", orbits[0]
-    starts = "starts" if scene.run.starts else "starts at rest (run.starts = 100 draws others)"
+    starts = (
+        "starts" if scene.run.starts else "starts at rest (run.starts = 100 draws random starts)"
+    )
     if len(orbits) == 1:
         return f"{head}: all {starts} reach it"
     if all(math.isclose(_power(orbit), _power(first), rel_tol=SAME_POWER) for orbit in orbits):

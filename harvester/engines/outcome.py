@@ -147,7 +147,7 @@ def notes_on_excitation(prepared_scene: Prepared) -> tuple[str, ...]:
     missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
-            f"the noise is linear between knots {spacing:.2g} s apart, and the load's voltage "
+            f"the noise is linear between samples {spacing:.2g} s apart, and the load's voltage "
             f"decays in {1.0 / decay:.2g} s: the missing faster noise would raise the power by "
             f"about {missing:.0%}; shorten excitation.knot_spacing, or use method spectral",
         )

@@ -107,7 +107,7 @@ def averages(
     report: Callable,
     jump_rates: bool = False,
 ) -> dict[str, Any]:
-    """Stationary means of a scene by a closure, in a worker process.
+    """Stationary means of a scene by a stationary method, in a worker process.
 
     Returns `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
@@ -214,10 +214,13 @@ class Realizations:
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
-    """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
+    """The task of a scene by a stationary method.
+
+    Raises HarvesterError for options of `average` alone.
+    """
     if method.fit:
         raise HarvesterError(f"{method}: fit is for harvester.average alone; leave it out")
-    # A closure does not depend on [run]: scenes that differ only there share one task.
+    # A stationary method does not depend on [run]: scenes that differ only there share one task.
     run = dataclasses.replace(scene.run, seed=1, realizations=1)
     arguments = {
         "scene": dataclasses.replace(scene, run=run),

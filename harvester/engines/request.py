@@ -54,7 +54,7 @@ class Request:
     scene
         Length and seed of the realizations and, if no other is given, their number.
     method
-        An engine or a closure, or its name.
+        An engine or a stationary method, or its name.
     precision
         Relative error, from standard error and step error, down to which realizations are added; or
         None.
@@ -66,7 +66,7 @@ class Request:
         Number in the first round with a precision, else in total. None: `FIRST_REALIZATIONS` with a
         precision, else the scene's number.
     most
-        Most realizations for a precision.
+        Maximum number of realizations with a precision.
     density, moments
         Whether the answer contains them.
     """
@@ -95,7 +95,7 @@ class Request:
 
     @property
     def is_averaged(self) -> bool:
-        """Whether the method is a closure, not an engine."""
+        """Whether the method is a stationary method, not an engine."""
         return isinstance(self.method, Stationary)
 
     @property
@@ -134,12 +134,12 @@ class Answer:
     scene
         Scene with the number of realizations that were run.
     quantities
-        Scaled; `standard_error` is the numerical error for a closure.
+        Scaled; `standard_error` is the numerical error for a stationary method.
     seconds
         Processor time of one core (s).
     outcome : "complete", or the reason for an early end.
     simulated_time
-        Simulated time of all realizations (s); 0 for a closure.
+        Simulated time of all realizations (s); 0 for a stationary method.
     misses_jumps
         Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.

@@ -82,10 +82,7 @@ def _causes(result):
         )
     load = result.scene.load.circuit
     if load and load.switches and beyond_steps:
-        yield (
-            "the load's switches, coils or sources ask for shorter steps than these; choose a "
-            "shorter step"
-        )
+        yield ("the load's switches, coils or sources need shorter steps; choose a shorter step")
     impacts, contact_time = totals["impacts"].sum(), timescales.contact_time(system)
     resolving = steps_per_contact(prepared_scene, result.step, result.engine)
     if impacts and not contact_time > resolving * result.step:

@@ -86,7 +86,7 @@ def run_converged(prepared_scene: Prepared, engine: Engine, simulate: Callable) 
 
 
 def _trouble(failure):
-    """The node or element at which Newton's iterations failed, the same in all realizations."""
+    """The node or element at which Newton's iterations failed, without the realization's number."""
     return str(failure).partition("trouble with ")[2] or str(failure)
 
 
@@ -128,7 +128,8 @@ def _too_large(system: System, realizations: list[Any], doubled: list[Any]) -> s
 def _change(moments: Moments, others: Moments) -> float:
     """Largest difference of two runs' energies, as a share of the energy that passes the load.
 
-    Energies: input, from the transducer, taken by the output, and stored by the load.
+    The energies are the input, the energy from the transducer, the energy of the output, and the
+    energy stored in the load.
     """
     columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
     sums = np.array([run.integrals[:, columns].sum(axis=0) for run in (moments, others)])

@@ -145,7 +145,7 @@ class Runner:
         return self.follow(plans, on_answer, in_turn)
 
     def version(self, method: str) -> str:
-        """Version of the other program that an engine or closure uses."""
+        """Version of the other program that an engine or stationary method uses."""
         if method != "circuit":
             return ""
         if not self._circuit:

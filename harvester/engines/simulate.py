@@ -55,37 +55,37 @@ def simulate(
         A scene, its file or the name of a built-in one.
     method : str or Method
         circuit (ngspice) or monte-carlo (direct integration, without ngspice). In Python also
-        `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings below themselves;
-        a name is short for the object with its defaults.
+        `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, objects that hold the settings below;
+        a name selects the object with its defaults.
     source : str
-        Circuit only: external, the path through compiled callbacks, or pwl, a source in the
-        netlist with ngspice's own steps, for comparison.
+        Circuit only: the source of the excitation, external (samples by compiled callbacks) or pwl
+        (a source in the netlist, with ngspice's own steps; for comparison).
     device : str
-        Circuit only: behavioural elements, one compiled device for mechanics and piezo (the extra
-        `fast`), or automatic: compiled if it is installed. Results agree to 1e-9.
+        Circuit only: behavioural (elements), compiled (one device for mechanics and piezo, of the
+        extra `fast`) or automatic (compiled if it is installed). Results agree to 1e-9.
     copies : int or None
-        Circuit only: realizations in parallel in one netlist, with the same time steps (default:
-        the fastest number).
+        Circuit only: number of realizations that run in one netlist, with common time steps
+        (default: the fastest number).
     step : str or float
-        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
-        division of the knot spacing, and shorter in contact.
+        default, fine, finest, or the longest step in seconds. It is rounded down so that a whole
+        number of steps fits between two samples of the excitation; in contact it is shorter.
     workers : int or None
         Maximum number of processes (default: one per core).
     time_limit : float
         Wall-clock limit of one realization, without compilation.
     keep_going : bool
-        Try a realization that crashes or runs out of time once more, and continue without it; the
-        result's `failures` name it. Else the first failure ends the run.
+        Repeat a failed realization once; if it fails again, continue without it, and list it in the
+        result's `failures`. By default the first failure ends the run.
     stroboscope : bool
-        Keep the state at the beginning of every period, as `Result.stroboscope` and a figure: the
-        period of the excitation, of its lowest sine or, under noise, of the device.
+        Keep the state at the beginning of every period, as `Result.stroboscope` and a figure. The
+        period is the excitation's, its lowest sine's or, under noise, the device's.
     window : (float, float), "all" or None
-        Part of the first realization in `Result.waveform` and --waveform: START:END in s from the
-        run's beginning, or all (default: 50 periods of the device's motion after settling).
+        Part of the first realization in `Result.waveform` and --waveform, in s from the run's
+        beginning (default: 50 periods of the device's motion after settling).
     nodes : sequence of str
-        Voltages and currents of the load's netlist in the waveform: a node NAME or v(NAME), on the
-        DC side against ref, else against n; v(A,B) of two nodes; a current i(NAME). Several may be
-        given.
+        Voltages and currents of the load's netlist in the waveform: NAME or v(NAME) for a node, on
+        the DC side against ref, else against n; v(A,B) between two nodes; i(NAME) for a current.
+        Several may be given.
 
     Other Parameters
     ----------------

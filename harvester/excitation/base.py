@@ -44,7 +44,7 @@ class Run(Table):
 
 def knots(usual: str) -> Any:
     """A field for the spacing of the knots, with a description of its default."""
-    return positive(f"spacing of the knots: by default {usual}", "s")
+    return positive(f"spacing of the knots (samples): by default {usual}", "s")
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:

@@ -1,4 +1,4 @@
-"""Normal random numbers identical to those of numpy's generator, in less than half the time.
+"""Normal random numbers, identical to numpy's and generated in less than half the time.
 
 numpy calls its bit generator for each number. Here a block of words is drawn at once, and compiled
 code converts them to the same normal numbers: by the ziggurat method of G. Marsaglia and W. W.

@@ -75,7 +75,7 @@ class OrnsteinUhlenbeck(Excitation):
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = interpolation_loss(spacing, self.correlation_time)
-        return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
+        return (f"noise linear between samples: its variance is {loss:.1%} below D/τ1",)
 
     def averaging_refusal(self) -> str:
         return ""

@@ -81,14 +81,17 @@ class RecordedMotion(Excitation):
     start: float | None = not_negative("start: time of the first sample used", "s")
     scale: float | None = key("scale: the acceleration is scale · column + offset; by default 1")
     offset: float | None = key("offset: by default 0, in the unit")
-    full_scale: float = positive("full scale: its value in a .wav file, in the unit", default=1.0)
+    full_scale: float = positive(
+        "full scale: acceleration at full scale of a .wav file, in the unit", default=1.0
+    )
     detrend: str = word(
         "detrend: subtracts the mean, such as gravity, or a line", ("none", "mean", "linear"),
         default="mean",
     )  # fmt: skip
     band: tuple | None = key(
-        "band: the ends of a filter without phase shift", "Hz", element=Key(low=0.0), count=(2, 2)
-    )
+        "band: corner frequencies of a band-pass filter without phase shift", "Hz",
+        element=Key(low=0.0), count=(2, 2),
+    )  # fmt: skip
     mend: tuple = key(
         "mend: faults of the record that are repaired", default=(),
         element=Key(kind=str, words=samples.FAULTS), count=(0, 3),
@@ -103,7 +106,7 @@ class RecordedMotion(Excitation):
     fade_in: float | None = positive("fade-in: time in which the acceleration rises from 0", "s")
     kind: str = "record"
     knot_spacing: float | None = positive(
-        "spacing of the knots: closer than the samples, band-limited, down to a whole fraction", "s"
+        "spacing of the knots: samples between the record's by band-limited interpolation", "s"
     )
     sha256: str = key(
         "SHA-256 of the file: other contents are rejected", kind=str, default="", written=False
@@ -215,7 +218,7 @@ class RecordedMotion(Excitation):
         lines = [
             *_band_remark(self, angular_frequency),
             *(f"record {name}: {remark}" for remark in _knots(self).remarks),
-            f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
+            f"record {name} ({self.sha256[:12]}), {length:g} s, linear between samples "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
             "below the band-limited signal's",
         ]
@@ -368,8 +371,8 @@ def _read_knots(record, name):
             f"knot_spacing = {record.knot_spacing:g}" if record.knot_spacing else "interpolation"
         )
         raise SceneError(
-            f"{name}: excitation.{setting}: gives {knots_per_sample * values.size:.3g} knots, and "
-            f"this machine's memory allows {most_samples()}: shorten the record"
+            f"{name}: excitation.{setting}: gives {knots_per_sample * values.size:.3g} samples, "
+            f"and this machine's memory allows {most_samples()}: shorten the record"
         )
     factor = max(1, math.ceil(knots_per_sample - 1e-9))
     refined = conditioning.smoothed if smooth > 1 else conditioning.refined

@@ -149,8 +149,8 @@ class Spectrum(Excitation):
         excess = math.sqrt(float(raised.sum() / density.sum())) - 1.0
         if excess > NOTED_EXCESS:
             lines.append(
-                f"knots {spacing:.3g} s apart: the density is correct for the path with straight "
-                f"lines between the knots; the rms of the knots alone is {excess:.1%} higher"
+                f"samples {spacing:.3g} s apart: the density is correct for the path with straight "
+                f"lines between the samples; the rms of the samples alone is {excess:.1%} higher"
             )
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:

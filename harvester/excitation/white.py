@@ -59,7 +59,7 @@ class White(Excitation):
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = kernel_loss(spacing, angular_frequency)
         return (
-            f"white noise linear between knots {spacing:.3g} s apart: its density is {loss:.1%} "
+            f"white noise linear between samples {spacing:.3g} s apart: its density is {loss:.1%} "
             f"below D/π at the device's frequency and half of it at {0.3189 / spacing:.3g} Hz",
         )
 

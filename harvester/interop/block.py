@@ -114,7 +114,7 @@ def _vibration(ready, realization, stop):
     knots = math.ceil(stop / spacing - 1e-9) + 1
     if knots > MOST_KNOTS:
         raise NetlistError(
-            f"{stop:.4g} s with a knot of the vibration every {spacing:.3g} s are {knots:.3g} "
+            f"{stop:.4g} s with a sample of the vibration every {spacing:.3g} s are {knots:.3g} "
             f"points, and at most {MOST_KNOTS} are written: choose --duration "
             f"{MOST_KNOTS * spacing:.3g} or less"
         )

@@ -197,8 +197,8 @@ class MeasuredFile:
         """Usual spelling of a column's unit from its heading or `stated`, which must agree.
 
         `scaled`: scene and columns are scaled, and only time, frequency and phase have units.
-        `raw`: a scale is given; the heading's unit is that of the raw column, the stated unit that
-        of the scaled values. `hint`: for messages.
+        `raw`: a scale is given; the heading's unit belongs to the raw column, the stated unit to
+        the scaled values. `hint`: for messages.
         Returns "" for a time without a unit. Raises SceneError.
         """
         key, written = self.setting("unit", quantity), self.headings[index].unit
@@ -251,9 +251,9 @@ class MeasuredFile:
     ) -> tuple[np.ndarray | None, float | None]:
         """Times (s after the first, shape (n,)) or None, and the sampling rate (Hz) or None.
 
-        A stated rate, the file's rate and that of the only time column must agree. A time column is
-        read if it is stated, if there is no rate, or `always`. A stated column takes precedence
-        over the file's rate.
+        A stated rate, the file's rate and the rate of the only time column must agree. A time
+        column is read if it is stated, if there is no rate, or `always`. A stated column takes
+        precedence over the file's rate.
 
         `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of other
         columns to be read in the same pass. Raises SceneError.

@@ -199,7 +199,7 @@ def _position(value, unit):
 def thin_ticks(axes: Axes) -> None:
     """Label a logarithmic axis at decades, over less than two also at 2 and 5, of one also at 3.
 
-    Values on an x axis are printed like those of components: 20k, 10u.
+    Values on an x axis have the suffixes of component values: 20k, 10u.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

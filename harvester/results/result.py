@@ -70,7 +70,7 @@ class Result(ResultBase):
     ----------
     scene : Scene
     engine : str
-        "circuit", "monte-carlo", or "averaging" followed by the closure.
+        "circuit", "monte-carlo", or "averaging" followed by the stationary method.
     scaled_quantities : dict of str to Estimate
     scales : Scales
     error_kind : str
@@ -443,7 +443,7 @@ class Result(ResultBase):
 
 
 def _add_density(variables, name, axes, density, scale, unit):
-    """Add a density with its axes and error; `scale` and `unit` are those of its area."""
+    """Add a density with its axes and error; `scale` and `unit`: of the product of its axes."""
     attributes = {"unit": inverse(unit)}
     variables[f"{name}_density"] = (axes, density.density / scale, attributes)
     if density.standard_error is not None:

@@ -145,7 +145,7 @@ class ResultBase(ABC):
     """Base of all results: printing, tables and files from their view."""
 
     if TYPE_CHECKING:
-        # Dataclasses define it as a field, which must not get a default here.
+        # Results define `scene` as a dataclass field; a property here would become its default.
         @property
         def scene(self) -> Scene | None:
             """The scene of the result; None if there are several."""

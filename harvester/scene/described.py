@@ -64,7 +64,7 @@ def _wells(scene):
     positions = ", ".join(quantity(length * well, "m", 3) for well in wells)
     barriers = [energy * timescales.barrier(model.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
-    return [f"wells at {positions}", f"barriers out of them {heights}"]
+    return [f"wells at {positions}", f"energy barriers {heights}"]
 
 
 def scene_rows(scenes: Sequence[Scene]) -> list[tuple[str, str]]:

@@ -19,7 +19,7 @@ NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
-    """The numbers of a scene's device, load and excitation by key, without those of [run].
+    """The numbers of a scene's device, load and excitation by key; [run] is excluded.
 
     Items of repeated tables and lists are indexed, as in `stoppers[1].gap` and
     `oscillator.restoring_force[2]`.

@@ -18,8 +18,8 @@ def start_state(prepared_scene: Prepared, index: int) -> tuple[float, float, flo
     """Initial state (X, X', transducer's state) of a realization, scaled.
 
     By default the mass is at rest, in successive wells from the right; [start] replaces this. With
-    `run.starts` the state is drawn over the energy range, except that of the first realization if
-    `run.orbit = "rest"`.
+    `run.starts` the state is drawn over the energy range. If `run.orbit = "rest"`, the first
+    realization starts at rest.
     """
     run = prepared_scene.scene.run
     if run.starts is not None and (index or run.orbit != "rest"):

@@ -62,7 +62,7 @@ class Prepared:
 
 @functools.lru_cache(maxsize=KEPT)
 def prepared(scene: Scene) -> Prepared:
-    """Return the prepared scene, from a cache if it is there."""
+    """Return the prepared scene, from a cache if it was prepared before."""
     system, scales = scale(scene)
     unit = excitation_unit(scene, scales.displacement)
     return Prepared(scene, system, scales, setting(scene), unit)

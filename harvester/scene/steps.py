@@ -104,7 +104,7 @@ def knot_spacing(prepared_scene: Prepared) -> float:
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
     if spacing > duration:
         explicit = getattr(scene.excitation, "knot_spacing", None) is not None
-        name = "one knot_spacing" if explicit else "the time between two knots of the excitation"
+        name = "one knot_spacing" if explicit else "the time between two samples of the excitation"
         raise SceneError(
             f"{scene.name}: run.duration = {duration:g}: must be at least {name}, {spacing:.4g} s"
         )
@@ -146,7 +146,7 @@ def steps_per_sample(
         if step < SHORTEST_STEP * spacing:
             raise HarvesterError(
                 f"step {step:g}: is less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
-                "knots of the noise; choose a longer one"
+                "samples of the noise; choose a longer one"
             )
         return max(1, math.ceil(spacing / step - 1e-9))
     if scene.excitation.prescribes_displacement:
@@ -174,8 +174,9 @@ def step_error(
 ) -> float:
     """Relative error of a mean power due to the step, from the methods' stability functions.
 
-    The error adds the resonance's remaining shift, on the flank where the power changes most, to a
-    multiple of the frequency error for a load and its switches. Contacts add their share.
+    The error is a sum. The resonance's remaining shift counts on the flank of the resonance, where
+    it changes the power most. A load and its switches add a multiple of the frequency error, and
+    contacts their share.
 
     `prepared_scene`, `step`, `engine`: see `steps_per_sample`.
     """

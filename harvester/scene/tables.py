@@ -79,14 +79,14 @@ class Oscillator(Table):
         "quadratic damping: C2, air drag", "N s²/m²", "C2 l/M", default=0.0, rare=True
     )
     linear_stiffness: float | None = key(
-        "linear stiffness: −K1, negative: bistable", "N/m", "−ω0²", drawn=True
+        "linear stiffness: k1, negative if bistable", "N/m", "−ω0²", drawn=True
     )
     frequency: float | None = positive(
         "frequency, terminals shorted: √(K/M)/2π of the mass on a linear spring", "Hz",
         units=(SI,), usual=(0.1, 1e5), drawn=True,
     )  # fmt: skip
     cubic_stiffness: float | None = not_negative(
-        "cubic stiffness: K2, by default 0", "N/m³", "κ", drawn=True
+        "cubic stiffness: k3, by default 0", "N/m³", "κ", drawn=True
     )
     restoring_force: tuple | None = key(
         "restoring force: [F0, k1, k2, …] up to the seventh power", "N, N/m, N/m², …",
@@ -149,13 +149,13 @@ class Stopper(Table):
 
     gap: float = positive("gap to the stoppers: from x = 0", "m", "δr", required=True)
     stiffness: float = not_negative(
-        "stiffness of the stoppers: K3, in N/m^exponent", "N/m^1.5", "K", required=True
+        "stiffness of the stoppers: K, in N/m^exponent", "N/m^1.5", "K", required=True
     )
     restitution: float = key(
-        "restitution of the stoppers: e", "1", "e", low=0.0, high=1.0, required=True
+        "restitution of the stoppers: coefficient e", "1", "e", low=0.0, high=1.0, required=True
     )
     impact_velocity: str = word(
-        "impact velocity: from the energy, or held from impact",
+        "impact velocity: computed from the energy, or held from the moment of impact",
         ("energy", "event"),
         default="energy",
     )
@@ -170,7 +170,7 @@ class Stopper(Table):
 class Start(Table):
     """The state in which every realization starts; by default, rest in successive wells."""
 
-    displacement: float | None = key("displacement; default: in successive wells", "m", "l")
+    displacement: float | None = key("displacement: by default at rest in a well", "m", "l")
     velocity: float = key("velocity", "m/s", "l/s", default=0.0)
     voltage: float = key("voltage: of a piezo", "V", "θ l/Cp", default=0.0)
 
@@ -189,7 +189,7 @@ class Load(Table):
     )
     netlist: str | None = key("netlist: a name in netlists/ or a file", kind=str)
     subcircuit: str | None = key("sub-circuit of the netlist", kind=str)
-    parameters: NamedValues | None = key("values of the netlist", kind=NAMED_VALUES)
+    parameters: NamedValues | None = key("parameters of the netlist", kind=NAMED_VALUES)
     circuit: Any = field(default=None, repr=False)
 
     ALTERNATIVES: ClassVar = (

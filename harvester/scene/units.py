@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions that are not scaled: those of time, which has no scale, and stress in Pa.
+# Dimensions that are not scaled: powers of time, which has no scale, and stress in Pa.
 UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
@@ -92,7 +92,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
 
 
 def excitation_unit(scene: Any, length: float) -> float:
-    """Base acceleration for one unit of η, l/μ. The base factor μ is that of a beam's mode."""
+    """Base acceleration for one unit of η: l/μ, with the base factor μ of a beam's mode."""
     return length / scene.oscillator.base_factor
 
 

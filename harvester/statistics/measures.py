@@ -111,7 +111,10 @@ def _state(name, series, batches, moments, row, error_of):
 
 
 def _event_energy(name, series, batches, moments, row, error_of):
-    """Energy per event: the power taken during a state, whose row precedes this one."""
+    """Energy per event: integral of the power taken in a state over the number of its ends.
+
+    The state's row of sums precedes this one.
+    """
     state = measured_series(moments, row - 1)
     if not np.isfinite(state[:, :, INTEGRAL]).all():
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)

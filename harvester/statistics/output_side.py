@@ -302,7 +302,7 @@ def _sources(moments):
 
 
 def _used_and_stored(moments, output):
-    """Energy delivered to the outputs, including that of sources, and energy stored."""
+    """Energy delivered to the outputs, including energy from sources, and energy stored."""
     consumed = moments[0].output.conductance * output["square_voltage"]
     stored = np.stack([m.output.stored[: consumed.shape[1], CHANGE] for m in moments])
     consumed = consumed + sum(series for kind, _, series in _sources(moments) if kind == OUTPUT)

@@ -34,9 +34,9 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
     The common noise cancels in each batch as long as the two paths agree, so that the error is
-    often far below the error of either mean. If paths diverge, nothing cancels and the error equals
-    that of independent means, since it is the scatter of the difference itself. If wells differ,
-    means are balanced by the jump rates, and the error includes that of the rates.
+    often far below the error of either mean. The error is the scatter of the difference itself: if
+    paths diverge, nothing cancels, and it equals the error for independent means. If wells differ,
+    means are computed from the jump rates, and the error includes the error of the rates.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def estimate_all(
     """All quantities of a set of realizations, scaled; incomplete batches are ignored.
 
     `error_of`: function that returns the error of a mean from batches, see
-    `harvester.statistics.run_estimates.error_of`; `error_of_voltage`: that of the mean-square
+    `harvester.statistics.run_estimates.error_of`; `error_of_voltage`: the same for the mean-square
     voltage, if it differs.
     """
     batches = complete_batches(moments)

@@ -136,7 +136,7 @@ def shortfalls(
         return []
     reasons = [_motion(scene, p, estimates), _charge(scene, p, moments, estimates)]
     if excitation.drifts:
-        # Stores and jumps are those of this record.
+        # Means over one record include its transients of stores and its jumps.
         return [reason for reason in (*reasons, _ramp(moments, estimates)) if reason]
     reasons += [
         _storage(scene, stores, estimates),
@@ -483,8 +483,8 @@ def _expected_jumps(p, moments, estimates):
     """Largest likely number of jumps out of the wells, by the rate of a weakly damped mass.
 
     The energy is the upper end of its interval, so that runs with little energy by chance lose
-    their error bars like others. A slow charge raises the barrier, in proportion to the ratio of
-    the load's time constant to that of the motion.
+    their error bars like others. A slow charge raises the barrier, in proportion to the load's time
+    constant over the motion's.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
     lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)

@@ -129,8 +129,8 @@ class WellBalance:
     def _has_enough_jumps(self, within, slopes, count):
         """Whether there are enough jumps for means with these errors within the wells and slopes.
 
-        The criterion is that of Satterthwaite, Biometrics Bull. 2, 110 (1946). A kind of jump that
-        did not occur counts as one jump.
+        The effective number of jumps follows from Satterthwaite, Biometrics Bull. 2, 110 (1946). A
+        kind of jump that did not occur counts as one jump.
         """
         seen = self.counts[:, :, None] + 1.0
         jumps = (self.changes @ slopes) ** 2 * seen

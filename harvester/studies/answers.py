@@ -27,7 +27,7 @@ STARTS = 16
 
 
 def checked_method(scene: Scene, method: str | Method | None) -> Method:
-    """An engine or a closure that accepts the scene's load.
+    """An engine or a stationary method that accepts the scene's load.
 
     None selects Monte Carlo, or the circuit if only that supports the load and excitation.
     """

@@ -445,7 +445,7 @@ def quantities_of(scene: Scene) -> list[str]:
 
 
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
-    """Quantities to show, by default the usual ones and those of the output.
+    """Quantities to show, by default the usual ones and the output's quantities.
 
     Raises HarvesterError for an unknown quantity, or if `per_g` is requested in a scaled scene.
     """
@@ -491,7 +491,7 @@ def _measured(excitation, frequency):
 
 
 def _means(record, base, stop, measured):
-    """`FrequencySweep`'s quantities over the last whole periods, except those of the output."""
+    """`FrequencySweep`'s quantities over the last whole periods, except the output's."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]
@@ -516,7 +516,7 @@ def _means(record, base, stop, measured):
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods.
 
-    The power excludes that of the load's sources.
+    The power excludes power from the load's sources.
     """
     voltage, used, *sources = outputs
     ends = (stop - measured, stop)

@@ -238,4 +238,4 @@ def _on_common_knots(points):
         change = {"excitation.knot_spacing": min(spacings)}
         return [GridPoint(p.load, p.place, p.scene.replace(change)) for p in points]
     except SceneError as error:
-        raise HarvesterError(f"the points need a common spacing of knots: {error}") from None
+        raise HarvesterError(f"the points need common sample times of the noise: {error}") from None

@@ -139,7 +139,7 @@ def validate(
 
 
 def _averaged(scene):
-    """Results of the valid closures, and the reasons why others are not valid."""
+    """Results of the valid stationary methods, and the reasons why others are not valid."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
 
@@ -346,13 +346,13 @@ def sweep(
         Any key of the scene and its values, numbers or texts, such as
         {"load.resistance": numpy.geomspace(1e4, 1e6, 7)}; several make a grid.
     methods : sequence of str or Method
-        Engines and closures; several may be given (default: monte-carlo).
+        Engines and stationary methods; several may be given (default: monte-carlo).
     quantities : sequence of str
         Quantities of the tables and of a precision; several may be given (default:
         mean_power).
     precision : float or None
-        Target relative standard error of each point by the engines; None: use the scene's number of
-        realizations.
+        Target relative standard error of each point by the engines (default: use the scene's number
+        of realizations).
     step : str or float
         default, fine, finest, or the longest step in seconds, for engines given by name.
     time_limit : float
@@ -438,7 +438,7 @@ def load_study(
     method : str or Method
         judged: monte-carlo, cross-checked with the circuit on the same noise at the optima and at
         random points (`harvester.studies.loads.proof`; loads that only the circuit supports are run
-        by it alone); monte-carlo or circuit alone; for a resistor also a closure.
+        by it alone); monte-carlo or circuit alone; for a resistor also a stationary method.
     precision : float or None
         Target relative standard error of the output power at every point (default: use the scene's
         number of realizations).
@@ -539,7 +539,7 @@ def sensitivity(
         mean_power, power_conversion_efficiency, for a load with an output mean_output_power, …
         (default: the power, at the output if the load has one).
     method : str, Method or None
-        An engine or a closure (default: monte-carlo, or circuit if the load needs it).
+        An engine or a stationary method (default: monte-carlo, or circuit if the load needs it).
     above : float or None
         Also estimate the yield, the share of devices above this limit in the scene's units.
     rows : int
@@ -622,7 +622,7 @@ def optimum(
     Parameters
     ----------
     scene : Scene, str or Path
-        The scene. Its [run] is that of the first runs at each point (one parameter), or of each
+        The scene. Its [run] applies to the first runs at each point (one parameter), or to each
         evaluation (several parameters).
     over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within the
@@ -636,13 +636,14 @@ def optimum(
         also mean_output_power etc.; for several parameters any quantity (default: the power, at the
         output if the load has one).
     method : str, Method or None
-        monte-carlo, circuit or a closure (default: monte-carlo, or circuit if the load needs it). A
-        method without noise determines the optimum to its own precision.
+        monte-carlo, circuit or a stationary method (default: monte-carlo, or circuit if the load
+        needs it). A method without noise determines the optimum to its own precision.
     closure : str or None
-        Closure compared with the simulation, for one parameter (default: the most accurate).
+        Stationary method compared with the simulation, for one parameter (default: the most
+        accurate).
     evaluations : int or None
         Number of proposed points for several parameters (default: 60 for each), or of grid points
-        for one parameter by a closure (17). The climb adds some tens of points.
+        for one parameter by a stationary method (17). The climb adds some tens of points.
     precision : float or None
         Target relative standard error of the value at the optimum (default: use the scene's number
         of realizations).
@@ -704,8 +705,8 @@ def optimum(
     maximise = maximise or _power_of(scene)
     limited = scene.beam is not None and scene.beam.strain_limit is not None
     chosen = checked_method(scene, method)
-    # A maximum at the strain limit has no peak to which a curve can be fitted, and a closure has no
-    # noise: both use the search for several parameters.
+    # A maximum at the strain limit has no peak to which a curve can be fitted, and a stationary
+    # method has no noise: both use the search for several parameters.
     is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
     if evaluations is not None and is_one:
         raise HarvesterError("--evaluations: is for several parameters, a second --over")

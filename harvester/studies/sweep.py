@@ -161,7 +161,7 @@ class Sweep(ResultBase):
         header = ["method", *(key_column(key, self.scene.units) for key in self.values)]
         header += [quantity.replace("_", " ") for quantity in self.quantities]
         rows = []
-        # Errors of closures and of engines share a column of a data frame.
+        # Errors of stationary methods and of engines share a column of a data frame.
         mixed = 0 < sum(method in CLOSURES for method in self.methods) < len(self.methods)
         for point, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
@@ -191,12 +191,12 @@ class Sweep(ResultBase):
         ]
 
     def _headline(self) -> str:
-        """Point with the largest first quantity, by engines, or by closures if no engine ran."""
+        """Point with the largest first quantity, by stationary methods only if no engine ran."""
         name = self.quantities[0]
         pairs = [pair for pair in self.places() if name in pair[1].estimates]
         if not pairs:
             return f"no point has a {name.replace('_', ' ')}"
-        # A closure is an approximation, whose error may be large where other methods are accurate.
+        # A stationary method is an approximation: it may be wrong where other methods are accurate.
         by_engines = [pair for pair in pairs if pair[1].method not in CLOSURES]
         point, cell = max(by_engines or pairs, key=lambda pair: pair[1].estimates[name].estimate)
         best = cell.estimates[name]

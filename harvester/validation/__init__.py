@@ -11,7 +11,7 @@ VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
 POWER, OUTPUT_POWER = "mean_power", "mean_output_power"
 EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
-# Wall-clock limit of one case of `stability` by one engine or closure, in seconds.
+# Wall-clock limit of one case of `stability` by one engine or stationary method, in seconds.
 TIME_LIMIT = 120.0
 
 

@@ -50,9 +50,9 @@ class Accuracy(ResultBase):
     errors : dict of str to TotalError
         Total errors of the reference, without bias, by timed quantity.
     closures : dict of str to dict
-        `quantities` (scaled) and `seconds` of each valid closure.
+        `quantities` (scaled) and `seconds` of each valid stationary method.
     refused : dict of str to str
-        Reasons of invalid closures, and of a missing throughput.
+        Reasons of invalid stationary methods, and of a missing throughput.
     exact_paths : str
         Name of the reference solution for strong errors.
     horizon : float
@@ -101,7 +101,7 @@ class Accuracy(ResultBase):
         return row.seconds_per_unit * self.answer.simulated_time
 
     def deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's relative deviation from the reference, with both errors."""
+        """A stationary method's relative deviation from the reference, with both errors."""
         ours = self.closures[closure]["quantities"][name]
         ratio = ours.estimate / self.answer.quantities[name].estimate
         errors = relative_error(ours), self.sampling_error(name)
@@ -186,8 +186,9 @@ class Accuracy(ResultBase):
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, fewer and shorter in a brief run",
             *[
-                "bias of a closure: ± covers its numerical and the reference's sampling error; its "
-                "time is the engine_seconds of a second call of `average`, without compilation"
+                "bias of a stationary method: ± covers its numerical and the reference's sampling "
+                "error; its time is the engine_seconds of a second call of `average`, without "
+                "compilation"
             ]
             * bool(self.closures),
             "a brief run without a rare event, such as a jump between the wells, has too small "

@@ -1,7 +1,7 @@
 """Draws every method's error over run time, and its run time to a given error.
 
-The legend lists at most eight groups of methods; closures are labelled at their points, the
-sampling error at its line.
+The legend lists at most eight groups of methods. Stationary methods are labelled at their points,
+the sampling error at its line.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _in_percent(bias):
 
 
 def _closures(study, deviation):
-    """(name, point) of every closure."""
+    """(name, point) of every stationary method."""
     named = []
     for closure, answer in study.closures.items():
         y, bars = _in_percent(deviation(closure))

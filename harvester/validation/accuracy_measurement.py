@@ -479,7 +479,7 @@ def realizations_task(
 def averages_once_more(
     prepared_scene: Prepared, closure: str, report: Callable, **settings: Any
 ) -> dict[str, Any]:
-    """A scene by a closure, timed without compilation, in a worker process."""
+    """A scene by a stationary method, timed without compilation, in a worker process."""
     for _ in range(2):
         result = average(prepared_scene.scene, method=Stationary(closure, **settings))
     return {"quantities": result.scaled_quantities, "seconds": result.engine_seconds}
@@ -488,7 +488,7 @@ def averages_once_more(
 def closures(
     scene: Scene, methods: Sequence[Stationary], runner: Runner
 ) -> tuple[dict[str, dict], dict[str, str]]:
-    """Answers of valid closures, and reasons of invalid ones, by name.
+    """Answers of valid stationary methods, and reasons of invalid ones, by name.
 
     An answer contains `quantities`, scaled, and `seconds` of one core.
     """
@@ -508,7 +508,7 @@ def chosen(
     thorough: bool,
     runner: Runner,
 ) -> tuple[list[ComparedMethod], list[Stationary]]:
-    """The compared engines and closures; see `harvester.accuracy`."""
+    """The compared engines and stationary methods; see `harvester.accuracy`."""
     with_load = not model.scene.load.is_resistor
     every = LOAD_METHODS if with_load else THOROUGH_METHODS if thorough else METHODS
     if methods is None:
@@ -529,5 +529,5 @@ def chosen(
 
 
 def is_reference(bias: Estimate) -> bool:
-    """Whether a bias is that of the reference: only rounding errors."""
+    """Whether a bias belongs to the reference itself: only rounding errors."""
     return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING

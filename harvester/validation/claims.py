@@ -1,4 +1,4 @@
-"""Tests the paper's statements by Monte Carlo, by the circuit and by each closure."""
+"""Tests the paper's statements by Monte Carlo, by the circuit and by each stationary method."""
 
 import time
 from collections.abc import Sequence
@@ -260,7 +260,7 @@ def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> 
     count = THOROUGH if thorough else REALIZATIONS
     requests = {}
     for (method, changes), changed in needed.items():
-        # Closures have no time series of moments.
+        # Stationary methods have no time series of moments.
         options = {"moments": True} if method in count else {}
         is_dense = (method, changed) in dense
         requests[method, changes] = request(changed, method, count, is_dense, **options)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Colours of a panel's curves: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
-# Line styles of the closures, from the last (the default) to the first.
+# Line styles of the stationary methods, from the last (the default) to the first.
 STYLES = dict(zip(reversed(NOISE_CLOSURES), ("-", "--", ":", "-."), strict=False))
 # Name, marker and size of the two engines, chosen so that both are visible if they coincide.
 MARKS = {"monte-carlo": ("Monte Carlo", "o", 3.5), "circuit": ("circuit", "+", 9.0)}
@@ -84,7 +84,7 @@ def _panel(quantity, letter, panel, lines):
 
 
 def _series(method, points, quantity, factor, colour):
-    """The line of a closure, with gaps at refused points, or the symbols of an engine."""
+    """The line of a stationary method, with gaps at refused points, or the symbols of an engine."""
     if not quantity:
         return [_density(method, o.density, colour) for _, o in points if answered(o)]
     label = _label(method, colour)

@@ -31,9 +31,9 @@ SYMBOL_KEYS = {
 KEY_SYMBOLS = {key: symbol for symbol, key in SYMBOL_KEYS.items()}
 # Averaging time of one realization, in seconds.
 DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
-# Largest numerical error of a closure; smaller errors are not visible in a figure.
+# Largest numerical error of a stationary method; smaller errors are not visible in a figure.
 CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
-# Rough cost of a request, in units of a closure's point.
+# Rough cost of a request, in units of a stationary method's point.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
 NOT_RUN = "not run: the time budget was spent"
 # The outcome of a point: its answer, the reason why there is none, or None if it is not computed
@@ -71,7 +71,7 @@ class FigurePanel:
     full: int = 7
 
     def values(self, quick: bool) -> tuple[list[float], list[float]]:
-        """Values for closures, and for Monte Carlo; the latter are among the former."""
+        """Values for stationary methods, and for Monte Carlo; the latter are among the former."""
         number = self.quick if quick else self.full
         simulated = np.linspace(self.first, self.last, number)
         lines = simulated if quick else np.linspace(self.first, self.last, 2 * number - 1)

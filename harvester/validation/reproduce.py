@@ -1,4 +1,4 @@
-"""`reproduce`: the paper's figures and statements by closures, Monte Carlo and circuit."""
+"""`reproduce`: the paper's figures and statements by every method."""
 
 import itertools
 import time

@@ -1,6 +1,6 @@
 """`stability`: verdicts on stiff and extreme cases of a scene.
 
-Every case is run by every engine and every closure; `verdicts` compares their answers.
+Every case is run by every engine and every stationary method; `verdicts` compares their answers.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from harvester.validation.verdicts import (
 
 LEGEND = (
     "a cell names the reference that it agrees with, the most accurate first: path: a fine path on "
-    "the same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
+    "the same noise; a method or a closed form: its E[V²]; grid: a stationary method's coarser grid"
 )
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
 INK = {WRONG: "white", REFUSED: "0.25"}

@@ -102,7 +102,7 @@ def changed(scene: Scene, case: Case) -> Scene:
             dotted, value = _scene_value(scene, name, scaled)
             changes[dotted] = value
     if scene.units == "SI":
-        # Length unit and scaled values remain those of the original scene.
+        # Length unit and scaled values of the original scene are kept.
         changes["length_scale"] = length_scale(scene)
     new = prepared(scene.replace(changes))
     settle, duration = run_length(new)
@@ -205,25 +205,25 @@ def slowest_time(system: System) -> float:
 @register
 @dataclass(frozen=True)
 class CaseAnswer:
-    """The result of one engine or closure for one case, in scaled units.
+    """The result of one engine or stationary method for one case, in scaled units.
 
     Attributes
     ----------
     estimates : dict of str to Estimate
-        Means with standard errors (Monte Carlo) or numerical errors (closure); empty for the
+        Means with standard (Monte Carlo) or numerical errors (stationary method); empty for the
         circuit, whose run is too short.
     residual : float or None
-        Residual of the energy balance; None for a closure.
+        Residual of the energy balance; None for a stationary method.
     seconds : float
-        Processor time of one core (s), for the simulation or the closure.
+        Processor time of one core (s), for the simulation or the stationary method.
     steps, realizations : int
-        0 for a closure.
+        0 for a stationary method.
     duration, settle, step : float or None
-        Times of each realization, and its longest step (s); None for a closure.
+        Times of each realization, and its longest step (s); None for a stationary method.
     settled : bool
         Whether the transient had decayed before the means were taken.
     path : PathDeviation or None
-        None for a closure.
+        None for a stationary method.
     """
 
     estimates: dict = field(metadata=key("scaled_quantities"))
@@ -241,7 +241,7 @@ class CaseAnswer:
 def answer(
     prepared_scene: Prepared, method: str, step: str | float, report: Callable
 ) -> CaseAnswer:
-    """Compute one case by one engine or closure; a warning counts as an error."""
+    """Compute one case by one engine or stationary method; a warning counts as an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         if method in ENGINES:

@@ -2,8 +2,8 @@
 
 A test lists the changes of the scene that it needs at a condition (`scenes`). It evaluates them
 (`findings`) from `read(changes)`, which returns the method's answer or None. Differences of two
-simulations are paired batch by batch on common noise. The error is that of the difference, whether
-or not the paths stay together.
+simulations are paired batch by batch on common noise. The error is valid for the difference,
+whether or not the paths stay together.
 """
 
 import itertools
@@ -90,7 +90,7 @@ class StatementTest:
         Whether `findings` takes a second `read` for Monte Carlo.
     of_orbits : bool
         Whether it concerns orbits without noise: `findings` takes the scene, and only the paper's
-        closure is used.
+        stationary method is used.
     """
 
     quantity: str = ""
@@ -224,9 +224,9 @@ class OppositeTrends(StatementTest):
     """The quantity `other` rises if `quantity` falls, over ranges of some keys."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Change of `other`, which supports the statement if it is opposite to that of `quantity`.
+        """Change of `other`, which supports the statement if `quantity` changes in the other sense.
 
-        The significance is that of the less certain sign.
+        The less certain of the two signs determines the significance.
         """
         changes = self.changes(condition, read, self.ranges, self.other)
         others = {where: change for _, where, change in changes}

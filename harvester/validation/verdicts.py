@@ -1,9 +1,9 @@
 """Verdicts of `harvester stability`, from independent comparisons of known accuracy.
 
 References are independent of the compared answer: a fine path for a path, the stationary solution
-or a closed form for Monte Carlo's means, a coarser grid for a closure. Each comparison states its
-resolution. A cell is *right* if no reference disagrees and at least one is known to 2 % or better;
-else it is *not judged*.
+or a closed form for Monte Carlo's means, a coarser grid for a stationary method. Each comparison
+states its resolution. A cell is *right* if no reference disagrees and at least one is known to 2 %
+or better; else it is *not judged*.
 """
 
 import math
@@ -39,7 +39,7 @@ LARGEST_STEP_BIAS = 0.03
 # Smallest comparable length of paths in periods, and share of it that an engine must follow.
 FEWEST_PERIODS = 1.0
 LEAST_FOLLOWED = 0.1
-# Largest deviation of a closure from its coarser grid; the stationary solution has a separate
+# Largest deviation of a stationary method from its coarser grid; fokker_planck has a separate
 # limit.
 LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
 USUAL_NUMERICAL_ERROR = 1e-3
@@ -110,12 +110,12 @@ class CaseVerdict:
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case: outcome and verdict of every engine and closure.
+    """One case: outcome and verdict of every engine and stationary method.
 
     Attributes
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
-        Answers by engine and closure; None if the time budget was spent before.
+        Answers by engine and stationary method; None if the time budget was spent before.
     cells : dict of str to CaseVerdict
     """
 
@@ -137,7 +137,7 @@ class CaseRow:
 
 
 def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
-    """The row of one case from the outcomes of engines and closures; `scene`: of the case."""
+    """The row of one case from the outcomes of all methods; `scene`: of the case."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
     answered = {method: answers[method] for method, cell in cells.items() if cell is None}
     for method, answer in answered.items():
@@ -203,7 +203,7 @@ def _of_engine(answer):
 
 
 def _of_closure(closure, answer):
-    """Evidence on a closure's numerical error, from the coarser grid."""
+    """Evidence on a stationary method's numerical error, from the coarser grid."""
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
     for name in MEANS:

@@ -195,9 +195,10 @@ class Verification(ResultBase):
             before = row.truth
         return _page(
             "# Known results",
-            "*For whoever asks why to believe a number.*",
+            "*The evidence for the correctness of the numbers.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators, next to this project's results.",
+            entries("known_results")["page"]["symbols"],
             _listed(self._exact_sentences()),
             markdown_table(lines),
             "## Sources",

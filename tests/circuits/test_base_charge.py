@@ -126,4 +126,4 @@ def test_a_load_that_decays_within_a_step_under_noise(method):
     exact = float(np.mean(state[round(0.05 / h) :] ** 2))
     found = result.scaled_quantities["mean_square_voltage"].estimate
     assert found == pytest.approx(exact, rel=0.01)
-    assert any("noise is linear between knots" in note for note in result.notes)
+    assert any("noise is linear between samples" in note for note in result.notes)

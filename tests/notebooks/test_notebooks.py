@@ -48,7 +48,7 @@ ANSWERS = {
         lambda step, price, default: step <= default and price >= 0.5,
     ),
     "04": (
-        r"circuit is ([\d.]+)% from.*fokker_planck ([\d.]+)% and the closure as printed ([\d.]+)%.*"
+        r"circuit is ([\d.]+)% from.*fokker_planck ([\d.]+)% and the method as printed ([\d.]+)%.*"
         r"E\[P\] rises with β held, and E\[V²\] rises with β did not",
         lambda circuit, slow, printed: max(circuit, slow) < 15.0 < printed,
     ),
@@ -142,7 +142,9 @@ def check_pages(folder, made):
     assert theory.count("<math ") > 40
     assert "<merror" not in theory
     api = folder / "docs" / "docs" / "reference" / "api"
-    assert 'id="harvester.simulate"' in (api / "harvester.simulate.html").read_text("utf-8")
+    simulate = (api / "harvester.simulate.html").read_text("utf-8")
+    assert 'id="harvester.simulate"' in simulate
+    assert '<p class="rubric">Example</p>' in simulate
     commands = (folder / "docs" / "docs" / "reference" / "commands.html").read_text("utf-8")
     assert not [name for name in COMMANDS if f"harvester {name} " not in commands]
     # Nothing is fetched to show a page.
@@ -150,6 +152,9 @@ def check_pages(folder, made):
     assert len(pages) > 20
     fetched = re.compile(r'<(?:script|img|link)[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
     assert not [page.name for page in pages if fetched.search(page.read_text("utf-8"))]
+    # Every figure has an alternative text; without one, Sphinx writes the file's path.
+    silent = re.compile(r'<img(?![^>]*\balt="[^".][^"]*")')
+    assert not [page.name for page in pages if silent.search(page.read_text("utf-8"))]
 
 
 @pytest.mark.slow

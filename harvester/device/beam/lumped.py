@@ -109,21 +109,21 @@ class Beam(Table):
     damping_ratio: float | None = not_negative("damping ratio: ζ of the first mode", "1")
     quality_factor: float | None = positive("quality factor: Q = 1/(2ζ)", "1", usual=(1.0, 1e6))
     measured_frequency: float | None = positive(
-        "measured frequency: short-circuited; softens the clamp", "Hz",
+        "measured frequency: short-circuited; the clamp is softened to agree", "Hz",
         likely=(1e-2, 1e7, 1e3, "kHz"),
     )  # fmt: skip
     measured_capacitance: float | None = positive(
-        "measured capacitance: far below resonance; scales the permittivity", "F",
+        "measured capacitance: far below resonance; the permittivity is scaled to agree", "F",
         likely=(1e-15, 1e-3, 1e-9, "nF"),
     )  # fmt: skip
     strain_limit: float | None = positive(
         "strain limit; default: the limit of the layers' material", "1", likely=STRAIN
     )
     fatigue_strain: float | None = positive(
-        "strain amplitude of Basquin's line", "1", likely=STRAIN
+        "strain amplitude of a point on the Basquin (S-N) curve", "1", likely=STRAIN
     )
-    fatigue_cycles: float | None = positive("cycles of Basquin's line", "1")
-    fatigue_exponent: float | None = positive("exponent of Basquin's line", "1")
+    fatigue_cycles: float | None = positive("cycles to failure at this amplitude", "1")
+    fatigue_exponent: float | None = positive("exponent of the Basquin curve", "1")
 
     UNITS: ClassVar = (SI,)
     ALTERNATIVES: ClassVar = (
@@ -148,7 +148,7 @@ class Beam(Table):
 
     @property
     def fatigue_line(self) -> tuple[float, float, float] | None:
-        """Strain, cycles and exponent of Basquin's line, if given."""
+        """Strain, cycles and exponent of the Basquin curve, if given."""
         strain, cycles, exponent = (getattr(self, name) for name in FATIGUE)
         return None if strain is None else (strain, cycles, exponent)
 

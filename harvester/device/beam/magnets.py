@@ -55,9 +55,12 @@ class Magnets(Table):
         "distance: of the magnets' centres along the beam", "m", required=True, likely=LENGTH
     )
     reach: float = positive(
-        "reach: displacement up to which the force is tabled", "m", required=True, likely=LENGTH
+        "reach: displacement up to which the force is tabulated", "m", required=True, likely=LENGTH
     )
-    arrangement: str = word("arrangement", ("repelling", "attracting"), default="repelling")
+    arrangement: str = word(
+        "arrangement: one repelling magnet, or two attracting ones", ("repelling", "attracting"),
+        default="repelling",
+    )  # fmt: skip
     tip_moment: float | None = positive("moment of the tip's magnet", "A m²")
     frame_moment: float | None = positive("moment of a magnet on the frame", "A m²")
     remanence: float | None = positive("remanence", "T", likely=(0.05, 2.0, 1e-3, "mT"))
@@ -71,7 +74,7 @@ class Magnets(Table):
         "size of a magnet on the frame: as tip_size", "m", element=SIZE, count=(2, 3)
     )
     offset: float | None = key(
-        "offset: of the tip's magnet beyond the beam's end; by default that of the tip's body", "m",
+        "offset: of the tip's magnet beyond the beam's end; by default the tip body's", "m",
         likely=LENGTH,
     )  # fmt: skip
     spacing: float = not_negative(

@@ -45,9 +45,9 @@ BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
 SAME = 1e-9
 # Part of the progress bar for each engine. Monte Carlo takes little of the time.
 SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
-# Quantity by which closures are compared.
+# Quantity by which stationary methods are compared.
 JUDGED_BY = "mean_square_voltage"
-# Known limits of each closure, from its documentation (harvester.averaging.closures.average).
+# Known limits of stationary methods, from the docstring of harvester.averaging.closures.average.
 LIMITS = {
     "paper": "it omits the piezo's constant force from the potential (Eqs. 11–15)",
     "consistent": "it assumes motion in one well and neglects the slow voltage after "
@@ -68,9 +68,9 @@ class Comparison(ResultBase):
     circuit, monte_carlo
         Results of both engines on the same noise paths.
     closures
-        Results of the closures that are valid for the scene.
+        Results of the stationary methods that are valid for the scene.
     refused
-        Closures that are not valid for the scene, with the reasons.
+        Stationary methods that are not valid for the scene, with the reasons.
     paired : dict of str to Estimate
         (Circuit − Monte Carlo)/Monte Carlo, with the error of the paired difference: the bias due
         to the circuit's step.
@@ -140,9 +140,9 @@ class Comparison(ResultBase):
         return all(_or_infinite(share) <= NEGLIGIBLE_SHARE for share in shares)
 
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
-        """A closure's deviation from Monte Carlo as a share, and in standard errors.
+        """A stationary method's deviation from Monte Carlo as a share, and in standard errors.
 
-        NaN for a quantity that the closure does not compute.
+        NaN for a quantity that the stationary method does not compute.
         """
         value = _scaled(self.closures[closure], name).estimate
         reference = _scaled(self.monte_carlo, name)
@@ -247,8 +247,8 @@ class Comparison(ResultBase):
         if self.closures:
             lines += notes_on_errors(self.closures)
             lines.append(
-                "in brackets a closure's deviation from Monte Carlo, as a share and in standard "
-                "errors of Monte Carlo alone"
+                "in brackets a stationary method's deviation from Monte Carlo, as a share and in "
+                "standard errors of Monte Carlo alone"
             )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
@@ -316,7 +316,7 @@ class Comparison(ResultBase):
         return f"on the same noise the {words(name)} differs by {share_with_error(bias)}"
 
     def not_applying(self) -> list[str]:
-        """One line on closures that are not valid for the scene; empty if all are."""
+        """One line on stationary methods that are not valid for the scene; empty if all are."""
         names: dict[str, list[str]] = {}
         for name, message in self.refused.items():
             reason = message.removeprefix(f"{self.scene.name}: ").removeprefix(f"{name}: ")
@@ -324,7 +324,7 @@ class Comparison(ResultBase):
         listing = "; ".join(
             f"{', '.join(closures)}: {reason}" for reason, closures in names.items()
         )
-        return [f"Closures that are not valid: {listing}"] if listing else []
+        return [f"Stationary methods that are not valid: {listing}"] if listing else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
         """Quantities without an error bar in either engine, by reason."""
@@ -417,7 +417,7 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
 
 def _closure(comparison, name):
     share, sigma = comparison.deviation(name, JUDGED_BY)
-    subject = f"The closure {name}"
+    subject = f"The method {name}"
     if math.isnan(sigma):
         return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
     reasons = _reasons(comparison.closures[name], name)
@@ -442,7 +442,7 @@ def _off(share, sigma):
 
 
 def _farthest(comparison, name):
-    """Text on the quantity in which a closure deviates most; empty if none deviates."""
+    """Text on the quantity in which a stationary method deviates most; empty if none deviates."""
     deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
     off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
     if not off:
@@ -453,7 +453,7 @@ def _farthest(comparison, name):
 
 
 def _reasons(result, name):
-    """Texts: the result's notes, and the known limits of the closure that apply."""
+    """Texts: the result's notes, and the known limits of the stationary method that apply."""
     reasons = list(result.notes)
     in_wells = result.scaled_quantities.get("share_in_wells")
     if name == "paper" and in_wells is not None:

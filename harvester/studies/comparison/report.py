@@ -35,17 +35,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEGEND = (
-    "± one standard error, or a closure's numerical error; in brackets its deviation from Monte "
-    "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
-    "Monte Carlo in joint standard errors σ. Paired relative bias: (circuit − Monte Carlo)/Monte "
-    "Carlo on common noise."
+    "± one standard error, or a stationary method's numerical error; in brackets its deviation "
+    "from Monte Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit "
+    "minus Monte Carlo in combined standard errors σ. Paired relative bias: (circuit − Monte "
+    "Carlo)/Monte Carlo on common noise."
 )
 JOINT_CAPTION = (
     "Displacement and velocity together, on the same grid and colour scale; dots: wells, crosses: "
     "saddles."
 )
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
-# Line widths of the reference (drawn first) and of the closures (drawn above it).
+# Line widths of the reference (drawn first) and of the stationary methods (drawn above it).
 WIDTHS = (3.0, 1.0)
 
 
@@ -139,7 +139,7 @@ def draw_comparison(comparison: Any) -> Figure:
     figure.align_ylabels([top, middle, bottom])
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     set_title(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
-    # Closures have different densities, so one legend serves all panels.
+    # Stationary methods have different densities, so one legend serves all panels.
     legend_below(figure, panels)
     return figure
 
@@ -150,7 +150,7 @@ def _draw_densities(axes, comparison, name):
     style = {"colour": MONTE_CARLO, "width": thick}
     draw_density(axes, comparison.monte_carlo, name, "Monte Carlo", **style)
     draw_density(axes, comparison.circuit, name, "circuit", colour=CIRCUIT, line="--")
-    # Closures are drawn above the simulations, whose error bands are broad under noise.
+    # Stationary methods are drawn above the simulations, whose error bands are broad under noise.
     for closure, result in comparison.closures.items():
         colour, line = LINES.get(closure, OTHER_LINE)
         if name in result.densities:
@@ -159,7 +159,7 @@ def _draw_densities(axes, comparison, name):
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
-    # A closure with far too high a peak would flatten the others.
+    # A stationary method with far too high a peak would flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
     axes.set_xlabel(axis_label(comparison.circuit, name))
 

@@ -124,7 +124,7 @@ def evaluating(
     Parameters
     ----------
     method
-        Engine or closure.
+        Engine or stationary method.
     version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
         Target relative error of the output power, including the step error; None: use the scene's
@@ -135,7 +135,7 @@ def evaluating(
         answers = yield Wanted([averaging(scene, method)])
         return _evaluate(prepared_scene, method.name, *answers_before_failure(answers))
     if not isinstance(method, Engine):
-        raise TypeError(f"{method} is neither an engine nor a closure")
+        raise TypeError(f"{method} is neither an engine nor a stationary method")
     cut = Realizations.of(prepared_scene, method, version, waveform=True)
     cost = step_error(prepared_scene, method.step, method.name)
 

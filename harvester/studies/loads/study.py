@@ -68,7 +68,7 @@ COLUMNS = (
 # Maximum number of curves that a headline names as equal to the highest.
 MOST_NAMED = 3
 EQUAL = "not significantly more than from"
-UNKNOWN = "by a lead without an error bar over"
+UNKNOWN = "with a difference of unknown error to"
 # Share of the time budget reserved for the cross-check with the circuit.
 PROOF_SHARE = 0.2
 
@@ -79,7 +79,7 @@ class LoadStudy(ResultBase):
 
     Attributes
     ----------
-    method : "judged", an engine or a closure.
+    method : "judged", an engine or a stationary method.
     version
         Version of the program that computed the results.
     evaluations

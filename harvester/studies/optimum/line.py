@@ -1,8 +1,8 @@
 """Maximise over one parameter: by averaging, then by simulation on common noise.
 
 Averaging scans the range and refines its highest point. Simulations near it have common noise, so
-that differences of their values are far more precise than the values. The maximum is that of a
-cubic fit; its standard error follows from paired errors of the values.
+that differences of their values are far more precise than the values. A cubic fit gives the
+maximum; its standard error follows from paired errors of the values.
 
     value                      window, half width 0.25 of the range
       |               [....o....^....o....]     o simulated   ^ maximum of the cubic
@@ -356,8 +356,8 @@ class CubicFit:
     misfit
         Whether the deviation from the cubic is relevant, so that the window should be narrowed.
     flat_to : int
-        −1 or 1: the end at which the value is not significantly below that of the point nearest to
-        the maximum; 0: there is none.
+        −1 or 1: the end at which the value is not significantly below the value at the point
+        nearest to the maximum; 0: neither end.
     noisy_ends
         Whether longer runs could make the fall to this end significant.
     unknown

@@ -63,8 +63,8 @@ class Optimum(ResultBase):
     value
         Value from a run at the optimum; for several parameters on independent noise.
     searched : list of (dict, Estimate)
-        Points and values: those of the last fit; for several parameters all proposed points, with
-        NaN if a run failed.
+        Points and values of the last fit; for several parameters of all proposals, with NaN if a
+        run failed.
     averaging
         Optimum by averaging, for one parameter.
     own

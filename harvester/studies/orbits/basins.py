@@ -131,7 +131,7 @@ class Basins(ResultBase):
             "uncharged transducer at the beginning of a period of the excitation; `displacement` "
             "and `velocity` change the grid",
             *orbit_sentences(self.orbits, self.unit),
-            "shares are those of starts on this grid, and depend on the grid",
+            "shares count the starts on this grid, and depend on its region",
         ]
         unfollowed = self.orbit.size - count
         if unfollowed:
@@ -183,7 +183,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
         )
         if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
             times = best.mean_power / least.mean_power
-            lines[-1] += f"; {times:.3g} times that of orbit {least.name}"
+            lines[-1] += f"; {times:.3g} times the power of orbit {least.name}"
         lines.append(
             "a motion with a period is averaged over whole cycles once it has converged: its "
             "errors cover the remaining transient and the possible step error"

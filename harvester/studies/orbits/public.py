@@ -221,7 +221,7 @@ def residence(
         Values of that key, such as numpy.geomspace(0.02, 0.06, 5).
     precision : float or None
         Target relative standard error, for which realizations are doubled up to 64 times the
-        scene's number; None: use the scene's number.
+        scene's number (default: use the scene's number).
     method : str or Method
         monte-carlo (the equations integrated directly) or circuit (ngspice).
     step : str or float

@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 # Minimum number of stays for an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
-# With fewer stays the scatter is uncertain: the error is at least that of exponential times.
+# With fewer stays the scatter is uncertain: the error is at least the error for exponentially
+# distributed times.
 FEW_STAYS = 64
 # The relative increase of times by the knots of white noise is noted from this value on. A measured
 # increase was 1.9 ± 0.2 %, where the missing density times the barrier was 1.2 %.
@@ -216,7 +217,7 @@ class Residence(ResultBase):
         longer = max(stay.longer_by_knots for stay in self.stays)
         if longer > NOTED_BY_KNOTS:
             lines.append(
-                "the knots limit the bandwidth of white noise: times are about "
+                "the time between samples limits the bandwidth of white noise: times are about "
                 f"{longer:.1%} to {2.0 * longer:.1%} longer than without this limit; halve "
                 f"excitation.knot_spacing = {spacing_of(self.scene):.3g} to reduce this"
             )

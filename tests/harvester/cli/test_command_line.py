@@ -111,7 +111,7 @@ def test_validate_goes_on_where_no_closure_knows_the_load(tmp_path, capsys):
     for word in (
         "mean output power",
         "end to end efficiency: power harvested at the load's output and into its stores",
-        "Closures that are not valid: paper, consistent, fokker_planck, spectral: stochastic",
+        "Stationary methods that are not valid: paper, consistent, fokker_planck, spectral: ",
     ):
         assert word in shown
     content = json.loads((tmp_path / "device-validate.json").read_text())

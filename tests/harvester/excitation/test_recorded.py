@@ -308,7 +308,7 @@ def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
     envelope = np.exp(-(np.linspace(-2.0, 2.0, 4001) ** 2))
     path = saved(tmp_path, motion() * envelope + 0.05)
     notes = " ".join(simulate(recorded(path), method="monte-carlo", runner=pool).notes)
-    for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "none"'):
+    for word in ("motion.npy", "linear between samples", "quarters", 'detrend = "none"'):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
     assert "repeated 2.6 times" in " ".join(

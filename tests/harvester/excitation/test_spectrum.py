@@ -197,7 +197,7 @@ def test_knots_are_as_close_as_the_slower_of_device_and_spectrum_asks(fastest, s
     # Of a flat spectrum the knots have 1/sinc⁴, on average, at four knots a period.
     flat = Spectrum(((1e-3, 1.0), (500.0, 1.0)), "(m/s^2)^2/Hz")
     square = quad(lambda x: (math.pi * x / math.sin(math.pi * x)) ** 4, 1e-9, 0.25)[0] / 0.25
-    (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "rms of the knots" in line]
+    (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "rms of the samples" in line]
     assert f"{math.sqrt(square) - 1.0:.1%}" in line
 
 

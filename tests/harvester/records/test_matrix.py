@@ -121,7 +121,7 @@ WRITTEN = {
         "text": (1e3 * MOTION / G, {"unit": "mg", "form": ",.0f"}),
         "`.lvm`": (1e3 * MOTION / G, {"unit": "mg", "form": ",.0f"}),
     },
-    "rate beside times": {
+    "rate in addition to times": {
         "`.mat`": (MOTION / G, {"fs": 2.0 * RATE}),
         "HDF5, NetCDF 4": (MOTION / G, {"rate": 2.0 * RATE}),
         "`.tdms`": (MOTION / G, {"wf_increment": 0.5 / RATE}),
@@ -130,7 +130,7 @@ WRITTEN = {
         "HDF5, NetCDF 4": (np.where(GAP, -99.0, MOTION / G), {"_FillValue": -99.0}),
     },
 }
-FEATURES = ("unit", "contradicting unit", "scale and offset", "rate beside times",
+FEATURES = ("unit", "contradicting unit", "scale and offset", "rate in addition to times",
             "decimal comma", "thousands separator", "gaps", "rounded stamps")  # fmt: skip
 
 
@@ -163,7 +163,7 @@ def recorded(kind, feature, folder):
         )
     write(path, times, values, **options)
     keys = {"unit": "m/s^2"} if kind == "`.wav`" or feature == "contradicting unit" else {}
-    if feature == "rate beside times" and kind not in WRITTEN[feature]:
+    if feature == "rate in addition to times" and kind not in WRITTEN[feature]:
         keys["sampling_rate"] = 2.0 * RATE
     return str(path), {"detrend": "none", **keys}
 

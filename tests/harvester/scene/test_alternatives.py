@@ -108,9 +108,9 @@ def test_the_line_on_the_device():
 def test_the_line_on_the_device_has_wells_and_barriers():
     """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as on its page."""
     (line,) = device_line(Scene.read("device"))
-    assert "wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
+    assert "wells at -10 mm, 10 mm, energy barriers 1.59 mJ, 1.59 mJ" in line
     (line,) = device_line(Scene.read("asymmetric"))
-    assert "wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
+    assert "wells at -10.6 mm, 9.62 mm, energy barriers 1.07 mJ, 2.39 mJ" in line
     (line,) = device_line(Scene.read("tristable"))
     assert "wells at -12.8 mm, 0 m, 12.8 mm" in line
 

@@ -43,8 +43,11 @@ def test_a_finer_step_is_as_much_finer_in_a_contact(engine):
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        ("paper", "run.duration = 0.0001: must be at least the time between two knots .*, 0.05 s"),
-        ("paper_si", "run.duration = 0.0001: must be at least the time between two knots"),
+        (
+            "paper",
+            "run.duration = 0.0001: must be at least the time between two samples .*, 0.05 s",
+        ),
+        ("paper_si", "run.duration = 0.0001: must be at least the time between two samples"),
         ("linear", "run.duration = 0.0001: must be at least one knot_spacing, 0.025 s"),
     ],
 )

@@ -65,7 +65,7 @@ def test_the_output_of_a_load_is_judged_too():
 def test_without_error_bars_nothing_is_judged():
     said, judged = texts(result(error=None), {"paper": result(2.0)}, reference=result(error=None))
     assert "too short" in said[0]
-    assert said[-1] == "The closure paper cannot be judged: Monte Carlo has no error bar."
+    assert said[-1] == "The method paper cannot be judged: Monte Carlo has no error bar."
     assert judged[0].good is False
 
 
@@ -73,7 +73,7 @@ def test_without_error_bars_nothing_is_judged():
 def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
     closure = result(value, notes=("the load is fast",), share_in_wells=0.8)
     said, _ = texts(result(), {"consistent": closure})
-    assert f"The closure consistent is {side} in mean-square voltage, 6 standard" in said[-1]
+    assert f"The method consistent is {side} in mean-square voltage, 6 standard" in said[-1]
     assert "Known limits: the load is fast; it assumes motion in one well" in said[-1]
     assert "20% of the time outside the wells" in said[-1]
     said, _ = texts(result(), {"fokker_planck": result(value)})
@@ -90,7 +90,7 @@ def test_the_paired_difference_and_a_refusal_are_told():
     said, judged = texts(result(), refused={"paper": "paper: β is too large"}, paired=paired)
     assert "disagree: on the same noise the mean-square voltage differs by -5.0 ± 1.0 %" in said[0]
     assert judged[0].good is False
-    assert said[-1] == "Closures that are not valid: paper: β is too large."
+    assert said[-1] == "Stationary methods that are not valid: paper: β is too large."
 
 
 def test_a_small_paired_difference_is_negligible_against_the_limit_in_the_one_verdict():

@@ -84,8 +84,8 @@ def test_a_sweep_prints_the_orbit_from_rest_and_names_the_other(wells):
 def test_mirror_images_are_one_line_for_all_places():
     found = harvester.sweep(BISTABLE, {AMPLITUDE: [1.7, 1.8]})
     words = (
-        "the orbit from rest is followed: other starts at rest (run.starts = 100 draws others) "
-        "reach orbits of the same power"
+        "the orbit from rest is followed: other starts at rest (run.starts = 100 draws random "
+        "starts) reach orbits of the same power"
     )
     assert found.sentences().count(words) == 1
 
@@ -137,7 +137,7 @@ def test_a_single_start_says_that_there_may_be_others():
 def test_starts_at_rest_alone_are_not_all_starts(starts, told):
     scene = BISTABLE.replace({"run.starts": starts} if starts else {})
     found = harvester.sweep(scene, {AMPLITUDE: [0.2]})
-    assert ("run.starts = 100 draws others" in "".join(found.sentences())) == told
+    assert ("run.starts = 100 draws random starts" in "".join(found.sentences())) == told
 
 
 def test_a_linear_device_has_no_other_orbit():

@@ -112,7 +112,7 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
         assert sentence.endswith("no significant difference") == (sign == "=")
         equal = f", not significantly more than from {lead.worse}"
         assert study.view().headline.endswith(equal) == (sign == "=")
-        unknown = f", by a lead without an error bar over {lead.worse}"
+        unknown = f", with a difference of unknown error to {lead.worse}"
         assert study.view().headline.endswith(unknown) == (sign == "?")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
