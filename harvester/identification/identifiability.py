@@ -182,7 +182,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     suspected : sequence of str, optional
         Keys; by default all sensors' gains, the loads' resistances and the mass.
     """
-    assumed = _assumed_keys(fitted.shooting.responses, suspected)
+    assumed = _assumed_keys(fitted.shooting, suspected)
     if not assumed:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
@@ -195,23 +195,23 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
         moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
         by_key = dict(zip(fitted.keys, map(float, moves / units), strict=True))
-        names = tuple(problem.responses.experiments[n].measurement.name for n in records)
+        names = tuple(problem.experiments[n].measurement.name for n in records)
         result.append(Assumption(key, names, float(alone.step[p]), error, by_key))
     return result
 
 
-def _assumed_keys(responses, suspected):
+def _assumed_keys(shooting, suspected):
     """Keys of assumed values, with the numbers of the records that share an error."""
     shared: dict[tuple[str, float], list[int]] = {}
-    for number, experiment in enumerate(responses.experiments):
+    for number, experiment in enumerate(shooting.experiments):
         # An impedance has no moving base and no load, and its analyser is assumed exact.
         keys = [MASS]
         if not isinstance(experiment.measurement, MeasuredImpedance):
             gains = [f"sensor.{name}_scale" for name in experiment.measurement.sensed]
-            keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in responses.keys), MASS, LOAD]
+            keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in shooting.keys), MASS, LOAD]
         values = numbers(experiment.scene)
         for key in keys:
-            if key in responses.keys or (suspected is not None and key not in suspected):
+            if key in shooting.keys or (suspected is not None and key not in suspected):
                 continue
             if key in values or key.startswith("sensor."):
                 # Resistors may differ between records; a sensor is the same in all records.

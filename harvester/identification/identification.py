@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from harvester.base.formatting import Printed, span, value_and_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.drawing import draw, draw_posterior
-from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
-from harvester.identification.response import FINE_STEPS
+from harvester.identification.response import experiment
 from harvester.identification.rivals import Rival, proposed
 from harvester.identification.unknowns import BASE_FACTOR, factor_of
 from harvester.identification.validation_record import (
@@ -156,13 +155,12 @@ class Identification(ResultBase):
         dict of str to ndarray, shape (n,)
             Signals by the output's name.
         """
-        reference = self.fitted.shooting.responses
-        responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
-        responses.interpolation = self.fitted.interpolation
-        system, _ = responses.at(0, self.fitted.values).known_device
+        problem = replace(self.fitted.shooting, experiments=[experiment(self.scene, measurement)])
+        trial = problem.at(0, self.fitted.values)
+        system, _ = trial.known_device
         start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
-        _, _, outputs = responses.states(0, self.fitted.values, edges, start)
+        _, _, outputs = trial.states(edges, start)
         return dict(zip(measurement.outputs, outputs.T, strict=True))
 
     def view(self) -> View:

@@ -268,12 +268,11 @@ class FromImpedance:
 
     def parameters(self, fitted: Fitted) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k² and Q of the fitted device, tan δ of the circuit, with 95 % intervals."""
-        responses = fitted.shooting.responses
         # Impedances follow all other measurements.
-        last = len(responses.experiments) - 1
+        last = len(fitted.shooting.experiments) - 1
 
         def numbers_of(values):
-            trial = responses.at(last, values)
+            trial = fitted.shooting.at(last, values)
             system, _ = trial.known_device
             square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
             rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.response import Experiment, SteadyExperiment
 from harvester.identification.shooting import without_states
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
@@ -129,7 +128,7 @@ def normal_equations(
     meats = []
     for number, (columns, states, residuals) in enumerate(parts):
         residuals = residuals + columns @ step
-        if isinstance(shooting.responses.experiments[number], SteadyExperiment):
+        if shooting.experiments[number].is_steady:
             # Lines of a response or an impedance are few, and their residuals mostly white.
             free = max(residuals.shape[0] - columns.shape[-1] / residuals.shape[1], 1.0)
             sizes = [float(part @ part) / free * correlation_factor(part) for part in residuals.T]
@@ -229,12 +228,10 @@ def _inverse(normal):
 def _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse):
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
-    It is zero without a recorded base motion. `states`: the residuals' derivatives by the windows'
+    `states`: the residuals' derivatives by the windows'
     starts; `columns`: the derivatives by the values, without the part that the windows' starts
     explain; `inverse`: inverse of the normal matrix of all experiments.
     """
-    if not isinstance(shooting.responses.experiments[number], Experiment):
-        return np.zeros((columns.shape[-1], columns.shape[-1]))
     random, (samples, outputs) = np.random.default_rng(0), residuals.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)

@@ -30,9 +30,10 @@ from harvester.identification.search import (
     ON_THE_WAY,
     followed,
     in_short_windows,
+    reach_of,
 )
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import ShootingFit, reach_of
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.validation_record import WholeRecord, prediction, root_mean_square
 from harvester.scene.units import load_resistance
@@ -43,7 +44,7 @@ from harvester.statistics.estimate import Estimate
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses
+    from harvester.identification.shooting import Shooting
     from harvester.identification.validation_record import ValidationRecord
 
 # Number of sets of values in addition to the fitted one, and maximum number of draws to find them.
@@ -118,15 +119,15 @@ class Visited:
             f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
 
-    def excludes(self, responses: Responses, x: np.ndarray) -> str:
-        """Reason why a run (scaled displacements) of the only record in `responses` is outside
+    def excludes(self, problem: Shooting, x: np.ndarray) -> str:
+        """Reason why a run (scaled displacements) of the only record in `problem` is outside
         these ranges; else empty.
         """
         low, high = self.reach
-        x = x * responses.length
+        x = x * problem.length
         if x.min() < low or x.max() > high:
             return "the run exceeds the covered displacements"
-        record = responses.experiments[0]
+        record = problem.experiments[0]
         load = _load(record.scene)
         if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
             return "its load is outside the covered range"
@@ -149,17 +150,17 @@ def visited(fitted: Fitted) -> Visited | None:
     """The ranges covered by a fit's records; None if there are only frequency responses."""
     if fitted.settled is None:
         return None
-    responses = fitted.shooting.responses
+    shooting = fitted.shooting
     displacement: list[tuple[float, float]] = []
     velocity: list[tuple[float, float]] = []
     # Time records come first; sweeps and impedances contain only small motion.
-    experiments = responses.experiments[: len(fitted.settled.edges)]
+    experiments = shooting.experiments[: len(fitted.settled.edges)]
     for number in range(len(experiments)):
-        states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
+        states = [shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
         for intervals, column in ((displacement, 0), (velocity, 1)):
-            values = np.concatenate([path[:, column] for path in states]) * responses.length
+            values = np.concatenate([path[:, column] for path in states]) * shooting.length
             intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
-    system, scales = responses.at(0, fitted.values).known_device
+    system, scales = shooting.at(0, fitted.values).known_device
     si = fitted.scene.units == "SI"
     loads = {_load(experiment.scene) for experiment in experiments}
     ranges = tuple(displacement)
@@ -289,8 +290,7 @@ def _likely(fitted, seed):
     root = directions * np.sqrt(np.maximum(spread, 0.0))
     draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
     draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
-    responses = fitted.shooting.responses
-    possible = (draw for draw in draws if responses.at(0, draw).device is not None)
+    possible = (draw for draw in draws if fitted.shooting.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
 
@@ -309,7 +309,7 @@ def _model_error(records, missed):
 
 def _of_record(fitted, measurement, visited, draws, model_error, limit):
     """Compare one validation record with its prediction."""
-    length, noise = fitted.shooting.responses.length, _noise(fitted, measurement)
+    length, noise = fitted.shooting.length, _noise(fitted, measurement)
     # The record may be in the other well, so starts on both sides are tried.
     farthest = (1.0 + BEYOND) * float(np.abs(visited.displacement).max()) / length
     reach, local, errors = (-farthest, farthest), [np.zeros(0)] * len(draws), np.zeros(0)
@@ -323,7 +323,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
         for draw, values in zip(draws, local, strict=True)
     ]
     problem, repeats = problems[0], _repeats(measurement)
-    system, _ = problem.responses.at(0, np.zeros(0)).known_device
+    system, _ = problem.at(0, np.zeros(0)).known_device
     saddles = np.sort(timescales.saddles(system))
     # Sinusoidal motion is nearly the same in both wells, so unrestricted windows may be in
     # different wells. Windows in a single well are preferred if their fit is similar.
@@ -337,7 +337,7 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
     left = math.sqrt(max(record.nrmse() ** 2 - record.noise() ** 2, 0.0))
-    outside = visited.excludes(problem.responses, runs[0][0])
+    outside = visited.excludes(problem, runs[0][0])
     if agreement < 1.0:
         outside = "values within the uncertainty lead to different orbits"
     if left > limit:
@@ -394,9 +394,8 @@ def _problem(fitted, measurement, draw, values=None):
     sensors = {key: value for key, value in values_by_key.items() if key.startswith("sensor.")}
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
     record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
-    responses = fitted.shooting.responses.replaced([record], keys)
     free = unknowns(record.scene, keys, fitted.sizes)
-    return fitted.shooting.beside(responses, free, records=1)
+    return replace(fitted.shooting, experiments=[record], unknowns=free)
 
 
 def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
@@ -436,9 +435,9 @@ def _followed(problem, noise, ranges, reach, enough):
 
 def _in_windows(problem, noise, reach):
     """The best fit in long windows, continued from each minimum in short ones."""
-    measurement = problem.responses.experiments[0].measurement
+    measurement = problem.experiments[0].measurement
     span = [(0, measurement.acceleration.size)]
-    first = np.array([unknown.start for unknown in problem.unknowns])
+    first = problem.first
     minima: list[ShootingFit] = []
     for share in FIRST_SHARES if first.size else (0.0,):
         values = np.clip(first + share * problem.sizes, problem.low, problem.high)
@@ -461,17 +460,15 @@ def _cost(problem, fit, noise):
 def _noise(fitted, measurement):
     """Noise of each output, from the fit of the other records."""
     levels = dict(zip(measurement.outputs, measurement.assumed_noise, strict=True))
-    for other, fitted_levels in zip(
-        fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
-    ):
+    for other, fitted_levels in zip(fitted.shooting.experiments, fitted.fit.noise, strict=True):
         levels |= zip(other.measurement.outputs, fitted_levels, strict=True)
     return np.array([levels[name] for name in measurement.outputs])
 
 
 def _run(problem, start, late):
     """Displacement and outputs from one start, without their first part."""
-    edges = np.array([0, problem.responses.experiments[0].samples])
-    states, _, outputs = problem.responses.states(0, np.zeros(0), edges, start)
+    edges = np.array([0, problem.experiments[0].measurement.acceleration.size])
+    states, _, outputs = problem.at(0, np.zeros(0)).states(edges, start)
     return states[late:, 0], outputs[late:]
 
 

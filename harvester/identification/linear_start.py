@@ -12,7 +12,6 @@ electrical rate, and the gap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +24,8 @@ from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses, Trial
-    from harvester.identification.unknowns import Unknown
+    from harvester.identification.response import Trial
+    from harvester.identification.shooting import Shooting
 
 # Frequencies below this share of the median frequency count as drift and are removed.
 SLOW_SHARE = 0.15
@@ -46,6 +45,10 @@ class Motion:
     v: np.ndarray
     state: np.ndarray
     measured: bool
+
+    def states(self, samples: np.ndarray) -> np.ndarray:
+        """States at some samples, shape (number of samples, 3)."""
+        return np.column_stack([self.x[samples], self.v[samples], self.state[samples]])
 
     def centred(self, position: float) -> Motion:
         """The motion with its mean at `position`; unchanged if the displacement was measured."""
@@ -160,35 +163,29 @@ class StartingPoint:
 
 
 def unchanged_start(
-    responses: Responses, values: np.ndarray, centre: float | None = None
+    problem: Shooting, values: np.ndarray, centre: float | None = None
 ) -> StartingPoint:
     """The start at given values with the corresponding motions, centred if `centre` is given."""
-    motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
+    motions = [motion(problem.at(n, values)) for n in range(len(problem.experiments))]
     if centre is not None:
         motions = [path.centred(centre) for path in motions]
     return StartingPoint(values, motions)
 
 
-def regressed(
-    responses: Responses, unknowns: Sequence[Unknown], number: int, drifts: bool
-) -> list[StartingPoint]:
+def regressed(problem: Shooting, number: int, drifts: bool) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
     ----------
-    unknowns : sequence of Unknown
-        The unknowns, with bounds, and starts for those that the regression does not determine.
+    problem : Shooting
+        Its starts are the values that the regression does not determine.
     drifts : bool
         Whether to keep the slow part of an integrated voltage: it is needed if the mass changes
         wells, and only adds noise otherwise.
     """
-    values, low, high = (
-        np.array([getattr(unknown, name) for unknown in unknowns])
-        for name in ("start", "low", "high")
-    )
-    capacitance = np.array([key == "piezo.capacitance" for key in responses.keys])
+    capacitance = np.array([key == "piezo.capacitance" for key in problem.keys])
     trials = (
-        responses.at(number, np.where(capacitance, factor, 1.0) * values)
+        problem.at(number, np.where(capacitance, factor, 1.0) * problem.first)
         for factor in (ELECTRICAL_FACTORS if capacitance.any() else (1.0,))
     )
     tried = [_Regression(trial, drifts) for trial in trials if trial.device]
@@ -197,10 +194,10 @@ def regressed(
     if best is None:
         return starts
     for fitted_values, origin in best.results():
-        changed = np.clip(list(fitted_values.values()), low, high)
-        if responses.at(number, changed).device is None:
+        changed = np.clip(list(fitted_values.values()), problem.low, problem.high)
+        if problem.at(number, changed).device is None:
             continue
-        start = unchanged_start(responses, changed)
+        start = unchanged_start(problem, changed)
         # The regression gives only this record's origin; the other records' motions are centred
         # there too.
         motions = [path.centred(origin) for path in start.motions]
@@ -412,30 +409,29 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
+def starts_from(problem: Shooting) -> list[StartingPoint]:
     """All starts to try: the scene's values, and regressions on each record."""
-    values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
-    for number, experiment in enumerate(responses.experiments):
-        starts += regressed(responses, unknowns, number, True)
+    for number, experiment in enumerate(problem.experiments):
+        starts += regressed(problem, number, True)
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift, so the motion is also tried without it.
-            starts += regressed(responses, unknowns, number, False)
-    system, _ = responses.at(0, values).known_device
+            starts += regressed(problem, number, False)
+    system, _ = problem.at(0, problem.first).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
-    measured = "displacement" in responses.experiments[0].measurement.outputs
+    measured = "displacement" in problem.experiments[0].measurement.outputs
     positions = [*wells[:1]] if measured else [*wells, *saddles]
-    starts += [unchanged_start(responses, values, centre) for centre in positions]
-    return [_with_velocity_scale(responses, start) for start in starts]
+    starts += [unchanged_start(problem, problem.first, centre) for centre in positions]
+    return [_with_velocity_scale(problem, start) for start in starts]
 
 
-def _with_velocity_scale(responses, start):
+def _with_velocity_scale(problem, start):
     """The start with the free scale of a velocity sensor that fits its motion."""
-    if VELOCITY_SCALE not in responses.keys:
+    if VELOCITY_SCALE not in problem.keys:
         return start
     for number, path in enumerate(start.motions):
-        trial = responses.at(number, start.values)
-        if scale := trial.velocity_scale(path.v * responses.length):
+        trial = problem.at(number, start.values)
+        if scale := trial.velocity_scale(path.v * problem.length):
             values = {**trial.known, VELOCITY_SCALE: abs(scale)}
             return StartingPoint(np.array(list(values.values())), start.motions)
     return start

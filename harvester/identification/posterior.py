@@ -118,7 +118,7 @@ def log_density(fitted: Fitted) -> Callable[[np.ndarray], float]:
     bases, free = [], -len(fitted.keys)
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        existing = shooting.states_there[number]
+        existing = shooting.state_sizes[number] > 0.0
         free += table[..., 0].size - int(existing.sum()) * (edges.size - 1)
         columns = table[..., len(fitted.keys) : -1][..., existing]
         cuts = edges - edges[0]

@@ -416,7 +416,7 @@ def _with_part(base, name, further, measurements, step):
     if not cost < fit.cost:
         return Rival(name, None, remark="not tried: no step towards it reduces the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
-    keys, count = shooting.responses.keys, len(base.keys)
+    keys, count = shooting.keys, len(base.keys)
     begun_scene = with_values(scene, further, begun.values[count:])
     if begun_scene is None:
         return Rival(name, None, remark="no fit: its values are invalid in the scene")
@@ -426,7 +426,7 @@ def _with_part(base, name, further, measurements, step):
         if (moved < MOVED * shooting.sizes[count:]).all():
             return Rival(name, None, remark="not tried: its values did not change")
         if of := factor_of(further[0]):
-            stated = numbers(shooting.responses.experiments[of[1][0]].scene)[LOAD][0]
+            stated = numbers(shooting.experiments[of[1][0]].scene)[LOAD][0]
             other = stated * model.fitted.values[-1]
             model = model._replace(name=f"{name} ({other:.4g} Ω for {stated:.4g} Ω)")
     return model

@@ -18,7 +18,7 @@ import numpy as np
 
 from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.response import NO_STATES, Responses
+from harvester.identification.response import NO_STATES
 from harvester.identification.sensors import integrals
 from harvester.identification.shooting import Shooting, ShootingFit, without_states
 from harvester.scene.units import load_resistance
@@ -408,28 +408,28 @@ def _within(measured: Estimate, expected: Estimate) -> bool:
 
 def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
     """Predict one record with a fit's values, in the fit's windows."""
-    responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
-    experiment = responses.experiments[number]
+    edges, starts = fit.edges[number], fit.starts[number]
+    experiment, trial = shooting.experiments[number], shooting.at(number, fit.values)
     measurement, scene = experiment.measurement, experiment.scene
     return ValidationRecord(
         name=measurement.name,
         outputs=tuple(measurement.outputs),
         rate=measurement.sampling_rate,
         measured=shooting.seen(number, edges),
-        windowed=responses.states(number, fit.values, edges, starts)[2],
-        free=responses.states(number, fit.values, edges[[0, -1]], starts[:1])[2],
+        windowed=trial.states(edges, starts)[2],
+        free=trial.states(edges[[0, -1]], starts[:1])[2],
         windows=edges.size - 1,
         resistance=load_resistance(scene) if scene.units == "SI" else None,
         motion=measurement.frequencies[0],
     )
 
 
-def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
+def predicted_lines(problem: Shooting, values: np.ndarray, number: int) -> ResponseRecord:
     """Predict the validation lines of a response or an impedance."""
-    measurement: Any = responses.experiments[number].measurement
+    measurement: Any = problem.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
-    _, _, simulated = responses.states(number, values, edges, NO_STATES)
+    _, _, simulated = problem.at(number, values).states(edges, NO_STATES)
     frequency = measurement.frequency
     is_impedance = isinstance(measurement, MeasuredImpedance)
     return (ImpedanceRecord if is_impedance else ResponseRecord)(
@@ -469,15 +469,12 @@ def drawn_base_noise(
 
     The noise has the power of the floor of the record's spectrum.
     """
-    measurement = shooting.responses.experiments[number].measurement
+    measurement = shooting.experiments[number].measurement
     base, rms = measurement.acceleration, float(np.std(measurement.acceleration))
     floor = noise_floor(base, measurement.sampling_rate)
     size = float(np.clip(floor, LEAST_BASE_NOISE * rms, MOST_BASE_NOISE * rms))
     noise = size * random.standard_normal((base.size, draws))
-    changes = shooting.responses.moved_by_noise(
-        number, noise, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return changes / fit.noise[number][:, None]
+    return shooting.moved_by_noise(fit, number, noise) / fit.noise[number][:, None]
 
 
 @dataclass(frozen=True)
@@ -534,7 +531,7 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
             Unexplained(name, math.inf, 0.0, math.inf, math.nan, False) for name in record.outputs
         ]
         return replace(record, unexplained=tuple(parts))
-    measurement = shooting.responses.experiments[number].measurement
+    measurement = shooting.experiments[number].measurement
     edges, noise, parts = fit.edges[number], fit.noise[number], []
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
     residuals, starts = table[..., -1], table[..., :-1]
@@ -562,7 +559,7 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
 
 def _drawn(shooting, fit, number, measured):
     """Simulated weighted residuals of a right model, shape (samples, outputs, draws)."""
-    rate = shooting.responses.experiments[number].measurement.sampling_rate
+    rate = shooting.experiments[number].measurement.sampling_rate
     random = np.random.default_rng(0)
     drawn = drawn_base_noise(shooting, fit, number, random, DRAWS)
     floors = np.array([noise_floor(series, rate) for series in measured.T]) / fit.noise[number]
