@@ -40,11 +40,6 @@ VOLTAGE_EFFECTS = (*HIGHPASSES, "resistance")
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
-# If a pole per sample exceeds this magnitude, the recursion between moments is accurate. Below, the
-# quadrature gives the moments with round-off accuracy.
-SHORT_MEMORY = 5.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 # Input resistance of a typical probe (Ω), the initial value of a free resistance.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
@@ -119,9 +114,7 @@ def integrals(
 def _without_drift(values, degree):
     """A series without its least-squares polynomial of this degree."""
     along = np.linspace(-1.0, 1.0, values.size)
-    table = np.polynomial.legendre.legvander(along, degree)
-    # Legendre polynomials are nearly orthogonal, so that the normal equations are well conditioned.
-    return values - table @ np.linalg.solve(table.T @ table, table.T @ values)
+    return values - np.polynomial.Legendre.fit(along, values, degree)(along)
 
 
 def invert_high_pass(
@@ -187,15 +180,11 @@ def _convolved(values, edges, pole, residue):
 
 
 def _moments(pole, count):
-    """∫ exp(pole (1 − τ)) τⁿ dτ from 0 to 1, n = 0 … count − 1."""
-    if abs(pole) < SHORT_MEMORY:
-        return (QUADRATURE_WEIGHTS * np.exp(pole * (1.0 - QUADRATURE_PLACES))) @ (
-            QUADRATURE_PLACES[:, None] ** np.arange(count)
-        )
-    moments = [(np.exp(pole) - 1.0) / pole]
-    for n in range(1, count):
-        moments.append((n * moments[-1] - 1.0) / pole)
-    return np.array(moments)
+    """∫ exp(pole (1 − τ)) τⁿ dτ from 0 to 1, n = 0 … count − 1: Kummer's function."""
+    from scipy.special import hyp1f1
+
+    powers = np.arange(count) + 1.0
+    return hyp1f1(1.0, powers + 1.0, pole) / powers
 
 
 def without_memory(
