@@ -112,6 +112,11 @@ class Fitted:
         return undetermined(self.shooting.unknowns, self.values, self.covariance)
 
     @property
+    def undetermined_keys(self) -> set[str]:
+        """Keys of values that the records do not determine."""
+        return {key for direction in self.undetermined for key in direction.keys}
+
+    @property
     def explains(self) -> bool:
         """Whether the fit's residuals are only the sensors' noise, for every record."""
         return all(record.is_explained for record in self.records)

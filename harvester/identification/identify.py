@@ -108,7 +108,6 @@ def identify(
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.unknowns import MASS, checked_keys, default_keys
-    from harvester.identification.verdict import FitEvidence, verdict
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions, so the drawing is removed.
@@ -155,7 +154,7 @@ def identify(
     if base.settled and not base.explains:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = replace(base, covariance=base.covariance + moved)
-    models = [rivals.Rival("as given", base, explains=base.explains)]
+    models = [rivals.Rival("as given", base)]
 
     def report(name: str) -> None:
         # The number of rivals is unknown in advance: each gets a share of the remaining work.
@@ -166,17 +165,7 @@ def identify(
         models = rivals.rival_models(models[0], measurements, scene, keys, report)
     stages.begin(POSTERIOR_BEGINS, 1.0, "validation records")
     where = visited(base)
-    evidence = FitEvidence(
-        records=base.records,
-        rivals=models,
-        spring=rivals.next_power(base) if base.explains else None,
-        errors=base.relative_errors,
-        assumptions=assumptions(base) if base.explains else [],
-        whole=kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
-        if where
-        else [],
-        visited=where,
-    )
+    predicted = where and kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
     stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
     return Identification(
         scene=base.scene,
@@ -184,8 +173,13 @@ def identify(
         measurements=measurements,
         fitted=base,
         kept=fixed,
-        evidence=evidence,
-        verdict=verdict(evidence),
+        records=base.records,
+        rivals=models,
+        spring=rivals.next_power(base) if base.explains else None,
+        errors=base.relative_errors,
+        assumptions=assumptions(base) if base.explains else [],
+        kept_aside=predicted or [],
+        visited=where,
         posterior=posterior_of(base, scene.run.seed, stages) if posterior else None,
         impedance=analysed,
         seconds=time.perf_counter() - clock,

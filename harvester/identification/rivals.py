@@ -80,8 +80,6 @@ class Rival(NamedTuple):
         validation data; negative: better.
     error : float
         Standard error of `better`.
-    explains : bool
-        Whether its residuals are only the sensors' noise, for every record.
     remark : str
         Reason why it was not fitted.
     """
@@ -90,8 +88,17 @@ class Rival(NamedTuple):
     fitted: Any
     better: float = 0.0
     error: float = 0.0
-    explains: bool = False
     remark: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of fitted values."""
+        return len(self.fitted.keys)
+
+    @property
+    def explains(self) -> bool:
+        """Whether its residuals are only the sensors' noise, for every record."""
+        return self.fitted is not None and self.fitted.explains
 
     @property
     def is_better(self) -> bool:
@@ -100,8 +107,24 @@ class Rival(NamedTuple):
 
     @property
     def is_as_good(self) -> bool:
-        """Whether this model is not worse, within two standard errors or the share `NOTED`."""
-        return self.better < max(2.0 * self.error, 2.0 * NOTED)
+        """Whether this model is not worse than the scene's."""
+        return self.is_close(0.0, 0.0)
+
+    def is_close(self, better: float, error: float) -> bool:
+        """Whether this model is not worse than another, within two standard errors or `NOTED`."""
+        return self.better - better < max(2.0 * math.hypot(self.error, error), 2.0 * NOTED)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        fitted = ("keys", "values", "nrmse") if self.fitted else ()
+        return {
+            "model": self.name,
+            "log_ratio_of_mean_squares": self.better,
+            "standard_error": self.error,
+            "leaves_only_noise": self.explains,
+            "remark": self.remark,
+            **{name: getattr(self.fitted, name) for name in fitted},
+        }
 
 
 class NextPower(NamedTuple):
@@ -135,6 +158,24 @@ class NextPower(NamedTuple):
     def uncertain(self) -> dict[str, float]:
         """Values whose interval is wide if the spring has the next power, with their `halves`."""
         return {key: half for key, half in self.halves.items() if not half <= UNCERTAIN}
+
+    def sentences(self) -> list[str]:
+        """The changes of the spring's values, and the values that become uncertain."""
+        term = f"a term of power {self.power}"
+        needed = (
+            f"{term} of the spring, which the records need by {abs(self.significance):.1f} "
+            f"standard errors, changes its values by up to {max(self.moves.values()):.0%}"
+        )
+        return [needed] * self.is_needed + [
+            f"with {term}, which the records do not exclude, they determine "
+            f"{name_and_share(key, half, ' to')} (95 %)"
+            for key, half in self.uncertain.items()
+        ]
+
+
+def name_and_share(key: str, half: float, joint: str = "") -> str:
+    """A value's name with half of its relative interval, as text."""
+    return f"{key.rpartition('.')[2]}{joint} {f'± {half:.0%}' if half < 1.0 else 'not at all'}"
 
 
 def rival_models(
@@ -206,41 +247,7 @@ def _compared(name, base, other):
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
     mean = mean_of(np.array(ratios))
-    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, other.explains)
-
-
-def proposed(models: Sequence[Rival]) -> Rival:
-    """The simplest model that predicts as well as the best model whose residuals are noise."""
-    return min(_of_the_best(models), key=lambda model: (len(model.fitted.keys), model.better))
-
-
-def undecided(models: Sequence[Rival]) -> list[Rival]:
-    """Models as simple as the proposed one that predict equally well, so that the records cannot
-    decide.
-    """
-    best = proposed(models)
-    return [
-        model
-        for model in _of_the_best(models)
-        if model is not best and len(model.fitted.keys) == len(best.fitted.keys)
-    ]
-
-
-def _of_the_best(models):
-    """Models that predict as well as the best, within two standard errors or `NOTED`."""
-    better = [model for model in models if model.is_better and model.explains]
-    if not better:
-        scene_model, *rivals = [model for model in models if model.fitted and not model.is_better]
-        simpler = [
-            model for model in rivals if len(model.fitted.keys) < len(scene_model.fitted.keys)
-        ]
-        return [scene_model, *(model for model in simpler if model.is_as_good)]
-    best = min(better, key=lambda model: model.better)
-    return [
-        model
-        for model in better
-        if model.better - best.better < max(2.0 * math.hypot(model.error, best.error), 2.0 * NOTED)
-    ]
+    return Rival(name, other, mean.estimate, mean.standard_error or 0.0)
 
 
 def _coefficients(scene):

@@ -25,6 +25,8 @@ from harvester.scene.units import load_resistance
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate, root
 
+# Keys in JSON of the mean power (or mean square) of a record and of its predictions.
+ESTIMATES = ("measured", "predicted", "relative_difference", "free")
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
 # Number of blocks of a record, from whose scatter error bars are computed.
@@ -192,6 +194,22 @@ class ValidationRecord:
     def whiteness(self, output: int = 0) -> Whiteness:
         """Autocorrelation of the residuals over a period of the motion."""
         return _whiteness(self.residuals[:, output], self.rate / self.motion)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, without the samples."""
+        estimates = dict(zip(ESTIMATES, (*self.powers(), self.free_power()), strict=True))
+        return {
+            "name": self.name,
+            "outputs": self.outputs,
+            "nrmse": {name: self.nrmse(n) for n, name in enumerate(self.outputs)},
+            "sensor_noise": {name: self.noise(n) for n, name in enumerate(self.outputs)},
+            "windows": self.windows,
+            "compared": self.compared[0],
+            **{
+                name: {"estimate": value.estimate, "standard_error": value.standard_error}
+                for name, value in estimates.items()
+            },
+        }
 
     @property
     def shows_motion(self) -> bool:

@@ -634,7 +634,7 @@ FAULTS = [
     ),
     Fault(
         "identification: a rival that leaves more than noise is proposed",
-        "harvester/identification/rivals.py",
+        "harvester/identification/verdict.py",
         "if model.is_better and model.explains]",
         "if model.is_better]",
         ("harvester/identification/test_verdict.py",),

@@ -74,7 +74,7 @@ def test_a_spring_s_values_lie_within_what_another_power_leaves():
     """A softening spring of fifth degree under single sines, fitted by a cubic one."""
     scene, records, truth, _ = a_set(0, "softening spring")
     found = identify(scene, records, compare=False)
-    shape, key = found.evidence.spring, "oscillator.restoring_force[3]"
+    shape, key = found.spring, "oscillator.restoring_force[3]"
     off = abs(found.values[key] / numbers(truth)[key][0] - 1.0)
     assert off > 0.1
     assert off < shape.halves[key]
