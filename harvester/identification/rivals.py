@@ -161,10 +161,10 @@ class NextPower(NamedTuple):
 
     def sentences(self) -> list[str]:
         """The changes of the spring's values, and the values that become uncertain."""
-        term = f"a term of power {self.power}"
+        term, largest = f"a term of power {self.power}", max(self.moves.values(), default=0.0)
         needed = (
             f"{term} of the spring, which the records need by {abs(self.significance):.1f} "
-            f"standard errors, changes its values by up to {max(self.moves.values()):.0%}"
+            f"standard errors, changes its values by up to {largest:.0%}"
         )
         return [needed] * self.is_needed + [
             f"with {term}, which the records do not exclude, they determine "
