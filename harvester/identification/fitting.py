@@ -415,18 +415,13 @@ def _of_mass(shooting, values, factor, scene):
 
 def _grid(shooting, is_known):
     """Values on a grid of factors, one for each kind of parameter; only the start if known."""
-    kinds = [
-        np.array([any(word in key for word in words) for key in shooting.keys]) for words, _ in GRID
-    ]
-    grids = [
-        factors if members.any() and not is_known else (1.0,)
-        for members, (_, factors) in zip(kinds, GRID, strict=True)
-    ]
-    for factors in product(*grids):
-        values = shooting.first.copy()
-        for members, factor in zip(kinds, factors, strict=True):
-            values[members] *= factor
-        yield np.clip(values, shooting.low, shooting.high)
+    choices = []
+    for words, factors in GRID:
+        members = np.array([any(word in key for word in words) for key in shooting.keys])
+        tried = factors if members.any() and not is_known else (1.0,)
+        choices.append([np.where(members, factor, 1.0) for factor in tried])
+    for changes in product(*choices):
+        yield np.clip(shooting.first * np.prod(changes, axis=0), shooting.low, shooting.high)
 
 
 def _otherwise(shooting, fit, interpolation):

@@ -173,16 +173,9 @@ def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-
     return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
 
 
-def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
-    """Assumed values whose error would change the fitted values.
-
-    Parameters
-    ----------
-    fitted : Fitted
-    suspected : sequence of str, optional
-        Keys; by default all sensors' gains, the loads' resistances and the mass.
-    """
-    assumed = _assumed_keys(fitted.shooting, suspected)
+def assumptions(fitted: Fitted) -> list[Assumption]:
+    """Assumed values (sensors' gains, loads' resistances, the mass) and effects of their errors."""
+    assumed = _assumed_keys(fitted.shooting)
     if not assumed:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
@@ -200,7 +193,7 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
     return result
 
 
-def _assumed_keys(shooting, suspected):
+def _assumed_keys(shooting):
     """Keys of assumed values, with the numbers of the records that share an error."""
     shared: dict[tuple[str, float], list[int]] = {}
     for number, experiment in enumerate(shooting.experiments):
@@ -211,9 +204,7 @@ def _assumed_keys(shooting, suspected):
             keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in shooting.keys), MASS, LOAD]
         values = numbers(experiment.scene)
         for key in keys:
-            if key in shooting.keys or (suspected is not None and key not in suspected):
-                continue
-            if key in values or key.startswith("sensor."):
+            if key not in shooting.keys and (key in values or key.startswith("sensor.")):
                 # Resistors may differ between records; a sensor is the same in all records.
                 of = values[key][0] if key == LOAD else 0.0
                 shared.setdefault((key, of), []).append(number)

@@ -85,7 +85,8 @@ class ButterworthVanDyke:
         which respond quasi-statically.
         """
         clamped = math.exp(self.parameters[0]) + self.modes[mode + 1 :, 2].sum()
-        return _numbers(*self.modes[mode], clamped=clamped, loss=self.loss)
+        resonance, quality, motional = self.modes[mode]
+        return _numbers(resonance, quality, motional, clamped, self.loss)
 
 
 def _numbers(resonance, quality, motional, clamped, loss):

@@ -187,13 +187,13 @@ def read_measurement(
     path, settings = str(file), table(settings or {}, "settings", '{"voltage": "2:mV"}')
     where = named(path)
     stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
-    lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
-    lines = {name: number for name, number in lines.items() if number is not None}
-    rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
+    names = [*LINES, "sampling_rate"]
+    lines = {name: _number(where, name, settings.pop(name)) for name in names if name in settings}
+    rate = lines.pop("sampling_rate", None)
     for key in settings:
         if "." not in key:
-            names = [*COLUMNS, *LINES, "sampling_rate"]
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, names)}")
+            near = nearest(key, [*COLUMNS, *names])
+            raise SceneError(f"{where}: unknown setting {named(key)}{near}")
     sensors = checked_sensors(
         {key: settings.pop(key) for key in list(settings) if key.startswith("sensor.")},
         OUTPUTS,
@@ -274,6 +274,6 @@ def _taken_absolute(where, settings):
 def _number(where, key, value):
     """A setting's number."""
     try:
-        return None if value is None else float(value)
-    except ValueError:
+        return float(value)
+    except (TypeError, ValueError):
         raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None

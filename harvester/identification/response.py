@@ -427,12 +427,12 @@ def _padded(spring: Spring) -> Spring:
     if not isinstance(spring, Polynomial):
         return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
-    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
-    filled = {}
-    for name in names:
-        values, length = getattr(spring, name), size - (name == "even_slope")
-        filled[name] = (*values, *([0.0] * (length - len(values))))
-    return spring._replace(**filled)
+    return Polynomial(
+        *(
+            (*values, *[0.0] * (size - (name == "even_slope") - len(values)))
+            for name, values in spring._asdict().items()
+        )
+    )
 
 
 def _amplitude(impedance, drive, begun):

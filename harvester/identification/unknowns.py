@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
-from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
+from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, sensor_keys
 from harvester.scene.numbers import numbers
 from harvester.scene.units import restoring_spring, setting
 
@@ -39,6 +39,8 @@ SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3
 # A number that must be positive stays above this share of its size or initial value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
+# Initial values of sensors' effects that must be positive, and of factors.
+STARTS_OF_EFFECTS = {"scale": 1.0, "resistance": PROBE}
 # Share of a size that is too small to change the motion.
 LITTLE = 1e-6
 POWERS = 8
@@ -136,11 +138,13 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     specified = numbers(scene)
     result = []
     for key in keys:
-        if factor_of(key):
-            result.append(Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0))
-            continue
-        if key.startswith("sensor."):
-            result.append(_of_sensor(key, sizes))
+        if factor_of(key) or key.startswith("sensor."):
+            effect = "scale" if factor_of(key) else key.rpartition("_")[2]
+            # An effect that may be 0 starts there, as the signal without a sensor.
+            start = STARTS_OF_EFFECTS.get(effect, 0.0)
+            least = 0.0 if effect in ("filter", *HIGHPASSES) else -math.inf
+            low = SMALLEST_SHARE * start if start else least
+            result.append(Unknown(key, start, low, math.inf, start or sizes[key]))
             continue
         start, spec = specified[key]
         size = abs(start) or sizes.get(key, 0.0) or 1.0
@@ -183,17 +187,6 @@ def factor_of(key: str) -> tuple[str, list[int]] | None:
     return (name, [int(number) for number in records.split(",")]) if records else None
 
 
-def _of_sensor(key, sizes):
-    """A free effect of a sensor, which starts at its value without effect."""
-    effect = key.rpartition("_")[2]
-    if effect == "resistance":
-        return Unknown(key, PROBE, SMALLEST_SHARE * PROBE, math.inf, PROBE)
-    if effect == "scale":
-        return Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0)
-    low = 0.0 if effect in ("filter", *HIGHPASSES) else -math.inf
-    return Unknown(key, neutral(key), low, math.inf, sizes[key])
-
-
 def with_values(
     scene: Scene,
     keys: Sequence[str],
@@ -228,18 +221,14 @@ def sizes_of(
     if scene.oscillator.force_table is not None:
         greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
     greatest = greatest or 1.0
-    sizes = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
-    sizes["oscillator.linear_stiffness"] = greatest / reach
-    sizes["oscillator.cubic_stiffness"] = greatest / reach**3
+    powers: dict[str, float] = {**{FORCE.format(n): n for n in range(POWERS)}, **SHORT_NAMES}
+    powers["stoppers.stiffness"] = 1.5
+    sizes = {key: greatest / reach**n for key, n in powers.items()}
     damping = scene.oscillator.damping or 1e-2 * greatest / speed
-    sizes["oscillator.damping"] = damping
-    sizes["oscillator.quadratic_damping"] = damping / speed
-    sizes["stoppers.gap"] = reach
-    sizes["stoppers.stiffness"] = greatest / reach**1.5
+    sizes |= {"oscillator.damping": damping, DRAG: damping / speed, "stoppers.gap": reach}
     frequency = measurements[0].frequencies[0]
     for name in ("acceleration", "voltage"):
-        for effect in HIGHPASSES:
-            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
+        sizes |= {f"sensor.{name}_{effect}": SHARE_OF_PERIOD * frequency for effect in HIGHPASSES}
     base = measurements[0].acceleration
     sizes["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
     for name, values in measurements[0].sensed.items():
