@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.shooting import without_states
+from harvester.identification.sensors import without_states
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     autocorrelations,
@@ -177,9 +177,11 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     p = len(shooting.unknowns)
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
-    normal, gradient = shooting.reduced(fit)
+    normal, gradient, _ = shooting.reduced(fit)
     systems = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
-    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
+    moves = (
+        np.array([-_inverse(normal - n) @ (gradient - g) for n, g, _ in systems]) * shooting.sizes
+    )
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
     return student_factor(records - 1) ** 2 * (records - 1) / records * moves.T @ moves

@@ -15,7 +15,7 @@ import numpy as np
 
 from harvester.base.libraries import optional_library
 from harvester.base.serialising import plain
-from harvester.identification.shooting import without_states
+from harvester.identification.sensors import without_states
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
@@ -138,7 +138,6 @@ def log_density(fitted: Fitted) -> Callable[[np.ndarray], float]:
         if (values < shooting.low).any() or (values > shooting.high).any():
             return -np.inf
         change = (values - fit.values) / shooting.sizes
-        moved = shooting.moved(fit, change, shooting.state_moves(fit, change))
-        return -0.5 * free * (cost(moved) - least) / least
+        return -0.5 * free * (cost(shooting.moved(fit, change)) - least) / least
 
     return density

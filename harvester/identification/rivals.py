@@ -417,7 +417,7 @@ def _with_part(base, name, further, measurements, step):
     for share in STEPS:
         target = np.clip(fit.values + share * step * shooting.sizes, shooting.low, shooting.high)
         change = (target - fit.values) / shooting.sizes
-        trial = shooting.moved(fit, change, shooting.state_moves(fit, change))
+        trial = shooting.moved(fit, change)
         trials.append((shooting.cost(trial), trial))
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:

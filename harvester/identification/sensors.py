@@ -208,8 +208,8 @@ def without_memory(
         Time constant in samples, corners in radians per sample; None: there is no such filter. A
         free filter without effect is kept, so that the cost is continuous when its effect begins.
     """
-    cuts = edges - edges[0]
-    positions, modes = np.arange(np.diff(cuts).max()), []
+    positions = np.concatenate([np.arange(count) for count in np.diff(edges)])
+    modes = []
     if time_constant is not None:
         modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** positions)
     if corner is not None:
@@ -220,12 +220,31 @@ def without_memory(
         modes.append(np.exp(-turned) * positions * np.sinc(turned / math.pi))
     if not modes:
         return shown
-    table, corrected = np.column_stack(modes), shown.copy()
+    off, states = (shown - seen)[:, None, None], np.column_stack(modes)[:, None]
+    return seen + without_states(off, states, edges - edges[0])[:, 0, 0]
+
+
+def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
+    """Series without the part that the states at the starts of their windows explain.
+
+    Windows whose series are not finite are unchanged.
+
+    Parameters
+    ----------
+    series : ndarray, shape (samples, outputs, n)
+    states : ndarray, shape (samples, outputs, states)
+        Derivatives of the outputs by the states at the start of the window of a sample.
+    cuts : ndarray of int, shape (windows + 1,)
+    """
+    remainder = series.copy()
     for begin, end in pairwise(cuts):
-        off, columns = shown[begin:end] - seen[begin:end], table[: end - begin]
-        if np.isfinite(off).all():
-            corrected[begin:end] -= columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
-    return corrected
+        effects = states[begin:end].reshape(-1, states.shape[-1])
+        effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
+        block = series[begin:end].reshape(effects.shape[0], -1)
+        if np.isfinite(block).all():
+            explained = effects @ np.linalg.lstsq(effects, block, rcond=1e-10)[0]
+            remainder[begin:end] = (block - explained).reshape(remainder[begin:end].shape)
+    return remainder
 
 
 def parallel(resistance: float, beside: float) -> float:

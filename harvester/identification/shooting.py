@@ -272,54 +272,42 @@ class Shooting:
         outputs = self.experiments[number].measurement.outputs
         return noise / np.array([np.std(series) for series in outputs.values()])
 
-    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
-        p = self.count
-        normal, gradient = self.reduced(fit, damping)
-        change = np.zeros(p)
-        if p:
-            free = np.ones(p, bool)
-            for _ in range(p + 1):
-                change[:] = 0.0
-                change[free] = -np.linalg.lstsq(
-                    normal[np.ix_(free, free)], gradient[free], rcond=1e-14
-                )[0]
-                target = fit.values / self.sizes + change
-                out = (target < self.low / self.sizes) | (target > self.high / self.sizes)
-                at = (fit.values <= self.low) | (fit.values >= self.high)
-                if not (out & at & free).any():
-                    break
-                free &= ~(out & at)
-            target = np.clip(fit.values + change * self.sizes, self.low, self.high)
-            change = (target - fit.values) / self.sizes
-        return change, self.state_moves(fit, change, damping)
+    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, float]:
+        """Change of the unknowns in sizes by the damped normal equations, and the expected decrease
+        of the cost.
+        """
+        normal, gradient, gained = self.reduced(fit, damping)
+        if not self.count:
+            return gradient, gained
+        free = np.ones(self.count, bool)
+        at = (fit.values <= self.low) | (fit.values >= self.high)
+        for _ in range(self.count + 1):
+            change = np.zeros(self.count)
+            block = normal[np.ix_(free, free)]
+            change[free] = -np.linalg.lstsq(block, gradient[free], rcond=1e-14)[0]
+            target = fit.values / self.sizes + change
+            out = (target < self.low / self.sizes) | (target > self.high / self.sizes)
+            if not (out & at & free).any():
+                break
+            free &= ~(out & at)
+        target = np.clip(fit.values + change * self.sizes, self.low, self.high)
+        change = (target - fit.values) / self.sizes
+        return change, gained - float(gradient @ change)
 
-    def state_moves(
-        self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0
-    ) -> list[np.ndarray]:
-        """Changes of all window starts due to a change of the unknowns, both in sizes."""
-        p, moves = self.count, []
-        for grams in fit.grams:
-            inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
-            right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
-            moves.append(-np.einsum("wij,wj->wi", inverse, right))
-        return moves
-
-    def reduced(self, fit: ShootingFit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and gradient of the unknowns alone, after eliminating the starts."""
-        p = self.count
-        normal, gradient = np.zeros((p, p)), np.zeros(p)
-        diagonal = np.zeros(p)
-        for grams in fit.grams:
-            inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
-            cross = grams[:, :p, p : p + 3]
-            normal += grams[:, :p, :p].sum(axis=0)
-            diagonal += np.einsum("wii->i", grams[:, :p, :p])
-            normal -= np.einsum("wik,wkl,wjl->ij", cross, inverse, cross)
-            gradient += grams[:, :p, -1].sum(axis=0)
-            gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, grams[:, p : p + 3, -1])
-        normal += damping * np.diag(np.maximum(diagonal, 1e-300))
-        return normal, gradient
+    def reduced(
+        self, fit: ShootingFit, damping: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Normal matrix and gradient of the unknowns alone, after eliminating the starts, and the
+        decrease of the cost by the starts.
+        """
+        p, grams = self.count, np.concatenate(fit.grams)
+        normal, gradient = grams[:, :p, :p].sum(axis=0), grams[:, :p, -1].sum(axis=0)
+        normal += damping * np.diag(np.maximum(np.diag(normal), 1e-300))
+        inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
+        cross, of_starts = grams[:, :p, p : p + 3], grams[:, p : p + 3, -1]
+        normal -= np.einsum("wik,wkl,wjl->ij", cross, inverse, cross)
+        gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, of_starts)
+        return normal, gradient, float(np.einsum("wk,wkl,wl->", of_starts, inverse, of_starts))
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
         """The fit at the minimum of its cost, with unchanged windows.
@@ -336,10 +324,10 @@ class Shooting:
         damping = FIRST_DAMPING
         for _ in range(iterations):
             while damping <= MOST_DAMPING:
-                change, moves = self.step(fit, damping)
-                trial = self.moved(fit, change, moves)
+                change, promised = self.step(fit, damping)
+                trial = self.moved(fit, change, damping)
                 trial.cost = self.cost(trial)
-                last = self.promised(fit, change, moves) < tolerance * fit.cost
+                last = promised < tolerance * fit.cost
                 if last or trial.cost < fit.cost:
                     break
                 damping *= 8.0
@@ -358,23 +346,15 @@ class Shooting:
                 return fit
         return fit
 
-    def promised(self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """Expected decrease of the cost by a damped step, for a linear problem."""
-        p, total = self.count, 0.0
-        for grams, move in zip(fit.grams, moves, strict=True):
-            total -= float(np.sum(grams[:, :p, -1] @ change))
-            total -= float(np.sum(grams[:, p : p + 3, -1] * move))
-        return total
-
-    def moved(
-        self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]
-    ) -> ShootingFit:
-        """The fit changed by steps in sizes."""
-        starts = [
-            states + move * self.state_units(number)
-            for number, (states, move) in enumerate(zip(fit.starts, moves, strict=True))
-        ]
-        values = fit.values + change * self.sizes if change.size else fit.values
+    def moved(self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0) -> ShootingFit:
+        """The fit after a change of the unknowns in sizes; its starts follow to first order."""
+        p, starts = self.count, []
+        for number, (grams, states) in enumerate(zip(fit.grams, fit.starts, strict=True)):
+            inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
+            right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
+            moves = np.einsum("wij,wj->wi", inverse, right)
+            starts.append(states - moves * self.state_units(number))
+        values = fit.values if self.fixed else fit.values + change * self.sizes
         return ShootingFit(values, fit.edges, starts, fit.noise)
 
     def reweighted(self, fit: ShootingFit) -> ShootingFit:
@@ -400,23 +380,3 @@ def state_inverse(block: np.ndarray, damping: Any) -> np.ndarray:
     ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
     block[:, range(3), range(3)] += ridge
     return np.linalg.inv(block)
-
-
-def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Series without the part that the starts of their windows explain.
-
-    Parameters
-    ----------
-    series : ndarray, shape (samples, outputs, n)
-    states : ndarray, shape (samples, outputs, states)
-        Derivatives of the outputs by the start of the window that contains a sample.
-    cuts : ndarray of int, shape (windows + 1,)
-    """
-    remainder = series.copy()
-    for begin, end in pairwise(cuts):
-        effects = states[begin:end].reshape(-1, states.shape[-1])
-        effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
-        block = series[begin:end].reshape(effects.shape[0], -1)
-        explained = effects @ np.linalg.lstsq(effects, block, rcond=1e-10)[0]
-        remainder[begin:end] = (block - explained).reshape(remainder[begin:end].shape)
-    return remainder

@@ -19,8 +19,8 @@ import numpy as np
 from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.response import NO_STATES
-from harvester.identification.sensors import integrals
-from harvester.identification.shooting import Shooting, ShootingFit, without_states
+from harvester.identification.sensors import integrals, without_states
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.scene.units import load_resistance
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate, root
@@ -613,8 +613,9 @@ def _regressed(residuals, signals, spectrum):
 
 def _smooth(spectrum):
     """Average a spectrum over adjacent lines."""
-    padded = np.pad(spectrum, LINES // 2, "edge")
-    return np.convolve(padded, np.full(LINES, 1.0 / LINES), "valid")
+    from scipy.ndimage import uniform_filter1d
+
+    return uniform_filter1d(spectrum, LINES, mode="nearest")
 
 
 def _rms(values):

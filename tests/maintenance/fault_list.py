@@ -627,7 +627,7 @@ FAULTS = [
     ),
     Fault(
         "identification: starts of windows are taken for known",
-        "harvester/identification/shooting.py",
+        "harvester/identification/sensors.py",
         "(block - explained)",
         "(block - 0.0 * explained)",
         OF_INTERVALS,

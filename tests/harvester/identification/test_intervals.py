@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from harvester.identification.intervals import HALF_INTERVAL, covariance, normal_equations
 from harvester.identification.response import Experiment
-from harvester.identification.shooting import without_states
+from harvester.identification.sensors import without_states
 
 SAMPLES, WINDOWS, UNKNOWNS = 6000, 3, 8
 EDGES = np.linspace(0, SAMPLES, WINDOWS + 1).astype(int)
