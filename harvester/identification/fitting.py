@@ -48,10 +48,12 @@ from harvester.identification.unknowns import (
     LITTLE,
     MASS,
     ORIGIN,
+    SPRING,
     as_coefficients,
     first_sizes,
     power_of,
     sizes_of,
+    spring_coefficients,
     unknowns,
     with_values,
 )
@@ -175,9 +177,8 @@ class Fitted:
             # The scene omits a drag of 0, so it gets a small value.
             scene = scene.replace({DRAG: LITTLE * self.sizes[DRAG]})
         if powers := [power_of(key) for key in keys if power_of(key)]:
-            force = [k or 0.0 for k in scene.oscillator.coefficients]
-            force += [0.0] * (max(powers) + 1 - len(force))
-            spring = {"oscillator.restoring_force": force}
+            force = spring_coefficients(scene)
+            spring = {SPRING: [*force, *[0.0] * (max(powers) + 1 - len(force))]}
             scene, free = scene.replace(spring), as_coefficients(free)
             experiments = [
                 replace(experiment, scene=experiment.scene.replace(spring))
@@ -341,7 +342,7 @@ def fitted(
 
 def _with_fit(scene, shooting, fit):
     """Set a fit's values in the scene; raise IdentificationError if they are invalid."""
-    fitted_scene = with_values(scene, shooting.keys, fit.values)
+    fitted_scene = with_values(scene, shooting.known(fit.values))
     if fitted_scene is None:
         raise IdentificationError(
             f"{scene.name}: the best-fitting values are invalid in the scene: check the columns' "

@@ -390,7 +390,7 @@ def _problem(fitted, measurement, draw, values=None):
     )
     values_by_key = {key: value for key, value in values_by_key.items() if key not in keys}
     # Drawn values define a valid device, since the fitted records were simulated with them.
-    scene = with_values(fitted.scene, [*values_by_key], values_by_key.values()) or fitted.scene
+    scene = with_values(fitted.scene, values_by_key) or fitted.scene
     sensors = {key: value for key, value in values_by_key.items() if key.startswith("sensor.")}
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
     record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)

@@ -19,7 +19,13 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.sensors import VELOCITY_SCALE
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
+from harvester.identification.unknowns import (
+    BASE_FACTOR,
+    BASE_SCALE,
+    DRAG,
+    spring_coefficients,
+    spring_key,
+)
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -226,7 +232,7 @@ class _Regression:
         if not drifts:
             seen = seen.without_drift(trial.measurement)
         self.known, self.scene, self.length = trial.known, trial.scene, scales.displacement
-        self.powers = _powers(self.scene.oscillator)
+        self.powers = _powers(self.scene)
         self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
         is_si = self.scene.units == "SI"
         self.mass = self.scene.oscillator.mass if is_si else 1.0
@@ -371,11 +377,11 @@ class _Regression:
         return [float(origins[index]) for index in best]
 
 
-def _powers(oscillator):
+def _powers(scene):
     """(F0, k1, …) in the scene's units; for a table, coefficients of a fitted polynomial."""
-    if oscillator.force_table is None:
-        return [k or 0.0 for k in oscillator.coefficients]
-    displacement, force = np.array(oscillator.force_table).T
+    if scene.oscillator.force_table is None:
+        return spring_coefficients(scene)
+    displacement, force = np.array(scene.oscillator.force_table).T
     degree = min(TABLE_DEGREE, len(force) - 1)
     return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 

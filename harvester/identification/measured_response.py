@@ -168,7 +168,6 @@ def response_of(
     SceneError
         There is neither an amplitude nor a pair of real and imaginary parts.
     """
-    phase = columns.get("phase")
     if "frequency" not in columns:
         raise SceneError(
             f"{name}: a column of complex numbers is a frequency response, but no column of "
@@ -184,15 +183,15 @@ def response_of(
             )
     elif {"real", "imaginary"} <= set(columns):
         response = columns["real"] + 1j * columns["imaginary"]
-    elif "amplitude" not in columns:
+    elif "amplitude" in columns:
+        response = columns["amplitude"]
+        if "phase" in columns:
+            response = response * np.exp(1j * columns["phase"])
+    else:
         raise SceneError(
             f"{name}: no column of the response: write amplitude [V/g] and phase [deg], or "
             "real [V/g] and imaginary [V/g] in its header, or amplitude=COLUMN:UNIT after the file"
         )
-    elif phase is None:
-        response = columns["amplitude"]
-    else:
-        response = columns["amplitude"] * np.exp(1j * phase)
     return MeasuredResponse(
         columns["frequency"], response, columns.get("acceleration"), changes, name, sensors
     )
@@ -317,8 +316,7 @@ def _columns(measured, settings):
     values = {n: _values(measured, n, *columns[n]) for n in ("frequency", *sorted(form))}
     if form is parts:
         return values["frequency"], values["resistance"] + 1j * values["reactance"]
-    turned = 1.0 if is_complex else np.exp(1j * values["phase"])
-    return values["frequency"], values["impedance"] * turned
+    return values["frequency"], values["impedance"] * np.exp(1j * values.get("phase", 0.0))
 
 
 def _candidates(measured, quantity):
@@ -348,24 +346,18 @@ def _values(measured, quantity, index, stated):
 def _check_phase(measured, index, values, unit):
     """Raise if degrees are likely radians, or radians degrees."""
     largest = float(np.abs(values).max())
-    limit = math.radians(LARGEST_PHASE)
-    if unit == "rad" and largest > limit:
-        cause = (
-            "a passive part's phase is within ±1.571 rad: if the column is in degrees, write "
-            "phase=COLUMN:deg; if not, the column is not the impedance's phase"
-        )
-    elif unit == "deg" and largest > LARGEST_PHASE:
+    causes = {
+        ("rad", False): "a passive part's phase is within ±1.571 rad: if the column is in degrees, "
+        "write phase=COLUMN:deg; if not, the column is not the impedance's phase",
+        ("deg", True): "a piezo's phase is −90 deg off resonance: if the column is in radians, "
+        "give the unit (phase=COLUMN:rad)",
+    }
+    cause = causes.get((unit, largest <= math.radians(LARGEST_PHASE)))
+    if unit == "deg" and largest > LARGEST_PHASE:
         cause = "a passive part's phase is within ±90 deg: the column is not the impedance's phase"
-    elif unit == "deg" and largest <= limit:
-        cause = (
-            "a piezo's phase is −90 deg off resonance: if the column is in radians, give the unit "
-            "(phase=COLUMN:rad)"
-        )
-    else:
-        return
-    raise SceneError(
-        f"{measured.where}: {measured.label(index)} is within ±{largest:.3g} {unit}, but {cause}"
-    )
+    if cause:
+        column = f"{measured.where}: {measured.label(index)}"
+        raise SceneError(f"{column} is within ±{largest:.3g} {unit}, but {cause}")
 
 
 def _check_passive(impedance, where):

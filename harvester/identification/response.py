@@ -173,7 +173,7 @@ class Trial:
         for key, factor in self.factors.items():
             if not key.startswith("sensor."):
                 further[key] = factor * numbers(self.scene)[key][0]
-        changed = with_values(self.scene, [*self.known], self.known.values(), further)
+        changed = with_values(self.scene, self.known | further)
         if changed is None:
             return None
         probe = self.sensor("sensor.voltage_resistance")

@@ -24,10 +24,12 @@ from harvester.identification.unknowns import (
     FORCE,
     LITTLE,
     LOAD,
+    SPRING,
     as_coefficients,
     factor_key,
     factor_of,
     power_of,
+    spring_coefficients,
     with_values,
 )
 from harvester.identification.validation_record import (
@@ -250,18 +252,13 @@ def _compared(name, base, other):
     return Rival(name, other, mean.estimate, mean.standard_error or 0.0)
 
 
-def _coefficients(scene):
-    """Coefficients of the spring; empty for a table."""
-    return [k or 0.0 for k in scene.oscillator.coefficients]
-
-
 def _degree(force):
     return max((n for n, k in enumerate(force) if k != 0.0), default=0)
 
 
 def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, list[str]]]:
     """Yield name, scene and keys of each model with one part less."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     degree = _degree(force)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
     options: list[tuple[str, list[float], Sequence[int]]] = []
@@ -275,12 +272,9 @@ def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, li
         higher = range(power + 1, len(force))
         options.append((f"spring only up to power {power}", force[: power + 1], higher))
     for name, plain, left_out in options:
-        try:
-            plain_scene = scene.replace({"oscillator.restoring_force": plain})
-        except HarvesterError:
-            continue
-        dropped = {FORCE.format(n) for n in left_out}
-        yield name, plain_scene, [key for key in as_coefficients(keys) if key not in dropped]
+        free = [key for key in as_coefficients(keys) if power_of(key) not in left_out]
+        if changed := with_values(scene, {SPRING: plain}):
+            yield name, changed, free
     if scene.oscillator.quadratic_damping > 0.0:
         yield "no drag", scene.replace({DRAG: 0.0}), [key for key in keys if key != DRAG]
     if scene.stoppers:
@@ -292,7 +286,7 @@ def _structures(
     scene: Scene, keys: Sequence[str], sizes: dict[str, float]
 ) -> Iterator[tuple[str, Scene, list[str]]]:
     """Yield name, scene and keys of each model that is fitted from the beginning."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     springs = [
         (*_next_powers(scene), 1.0),
         ("softening spring", [3], -1.0),
@@ -302,17 +296,14 @@ def _structures(
         added = [n for n in powers if n >= len(force) or force[n] == 0.0 or sign < 0.0]
         if not added or (sign < 0.0 and _degree(force) > 3):
             continue
-        changed = [*force, *[0.0] * HIGHEST_POWER][: max(len(force), *(n + 1 for n in added))]
+        spring = [*force, *[0.0] * HIGHEST_POWER][: max(len(force), added[-1] + 1)]
         for n in added:
-            changed[n] = sign * STOPPER_STIFFNESS * sizes[FORCE.format(n)]
+            spring[n] = sign * STOPPER_STIFFNESS * sizes[FORCE.format(n)]
         reach = SOFT_RANGE * sizes["stoppers.gap"]
-        limit = {"oscillator.restoring_force_range": [-reach, reach]} if sign < 0.0 else {}
-        new = [FORCE.format(n) for n in added]
-        free = [*(key for key in as_coefficients(keys) if key not in new), *new]
-        try:
-            yield name, scene.replace({"oscillator.restoring_force": changed, **limit}), free
-        except HarvesterError:
-            continue
+        limit = {f"{SPRING}_range": [-reach, reach]} if sign < 0.0 else {}
+        free = [key for key in as_coefficients(keys) if power_of(key) not in added]
+        if changed := with_values(scene, {SPRING: spring, **limit}):
+            yield name, changed, [*free, *map(FORCE.format, added)]
     if not scene.stoppers:
         table = {
             "gap": STOPPER_PLACE * sizes["stoppers.gap"],
@@ -325,7 +316,7 @@ def _structures(
 
 def _next_powers(scene):
     """Name and powers of the spring's next odd power, and of the even power below it if present."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     degree = _degree(force)
     if not 1 <= degree <= HIGHEST_POWER - 2:
         return "", []
@@ -337,7 +328,7 @@ def _next_powers(scene):
 
 def _parts(base, measurements):
     """Yield name and keys of each part that can be added to the model."""
-    springs, force = [_next_powers(base.scene)], _coefficients(base.scene)
+    springs, force = [_next_powers(base.scene)], spring_coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
         springs.append(("asymmetric spring", [2]))
     parts = [(name, [*map(FORCE.format, powers)]) for name, powers in springs if powers]
@@ -424,7 +415,9 @@ def _with_part(base, name, further, measurements, step):
         return Rival(name, None, remark="not tried: no step towards it reduces the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
     keys, count = shooting.keys, len(base.keys)
-    begun_scene = with_values(scene, further, begun.values[count:])
+    begun_scene = with_values(
+        scene, dict(zip(further, map(float, begun.values[count:]), strict=True))
+    )
     if begun_scene is None:
         return Rival(name, None, remark="no fit: its values are invalid in the scene")
     model = _tried(name, base, begun_scene, measurements, keys, warm)

@@ -126,10 +126,14 @@ class Shooting:
         sizes = self.state_sizes[number]
         return np.where(sizes > 0.0, sizes, 1.0)
 
+    def known(self, values: Iterable[float]) -> dict[str, float]:
+        """Values of the unknowns by key."""
+        return dict(zip(self.keys, map(float, values), strict=True))
+
     def at(self, number: int, values: Iterable[float]) -> Trial:
         """One experiment with values of the unknowns."""
-        known = dict(zip(self.keys, map(float, values), strict=True))
-        return Trial(self.experiments[number], known, number, self.length, self.interpolation)
+        record, known = self.experiments[number], self.known(values)
+        return Trial(record, known, number, self.length, self.interpolation)
 
     def residuals(
         self, fit: ShootingFit, number: int, values: Any = None, starts: Any = None

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,7 +32,8 @@ KNOWN = (
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Word for all keys that are free by default.
 DEVICE = "device"
-MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
+MASS, LOAD, SPRING = "oscillator.mass", "load.resistance", "oscillator.restoring_force"
+FORCE = f"{SPRING}[{{}}]"
 ORIGIN, DRAG = FORCE.format(0), "oscillator.quadratic_damping"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # A number that must be positive stays above this share of its size or initial value.
@@ -163,6 +163,11 @@ def as_coefficients(keys: Sequence[str]) -> list[str]:
     return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
 
 
+def spring_coefficients(scene: Scene) -> list[float]:
+    """Coefficients (F0, k1, k2, …) of the spring; empty for a force table."""
+    return [k or 0.0 for k in scene.oscillator.coefficients]
+
+
 def spring_key(oscillator: Oscillator, power: int) -> str:
     """Key of the spring's coefficient of a power of x; empty if there is none."""
     if oscillator.restoring_force is not None:
@@ -187,20 +192,15 @@ def factor_of(key: str) -> tuple[str, list[int]] | None:
     return (name, [int(number) for number in records.split(",")]) if records else None
 
 
-def with_values(
-    scene: Scene,
-    keys: Sequence[str],
-    values: Iterable[float],
-    others: Mapping[str, float] = MappingProxyType({}),
-) -> Scene | None:
-    """The scene with these numbers and others; None if they are invalid."""
+def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene | None:
+    """The scene with these values, except those of sensors and factors; None if it is invalid."""
     changes = {
-        key: float(value)
-        for key, value in zip(keys, values, strict=True)
+        key: value
+        for key, value in values.items()
         if not key.startswith("sensor.") and not factor_of(key)
     }
     try:
-        return scene.replace({**changes, **others})
+        return scene.replace(changes)
     except SceneError:
         return None
 
@@ -215,7 +215,7 @@ def sizes_of(
     reach, speed : float
         Largest displacement and rms velocity, in the scene's units.
     """
-    force = [k or 0.0 for k in scene.oscillator.coefficients]
+    force = spring_coefficients(scene)
     # The largest contribution of a power of the spring at the largest displacement.
     greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
     if scene.oscillator.force_table is not None:
