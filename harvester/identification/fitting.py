@@ -151,7 +151,7 @@ class Fitted:
     def relative_errors(self) -> dict[str, float]:
         """Relative standard error of each value by key, relative to `units_of`."""
         shares = self.standard_errors / units_of(self.shooting.unknowns, self.values)
-        return dict(zip(self.keys, map(float, shares), strict=True))
+        return self.shooting.known(shares)
 
     @property
     def nrmse(self) -> float:
@@ -382,7 +382,7 @@ def _of_lines(problem, first, scene, count, joint):
         return [(problem, start) for start in best]
     sizes = [*first.shooting.state_sizes[:count], *problem.state_sizes[count:]]
     problem = replace(problem, interpolation=first.interpolation, state_sizes=sizes)
-    previous = dict(zip(first.keys, first.values, strict=True))
+    previous = first.shooting.known(first.values)
     values = np.array([previous.get(unknown.key, unknown.start) for unknown in problem.unknowns])
     old = first.fit.edges, first.fit.starts, first.fit.noise
     # Windows of time records are reused.
@@ -446,7 +446,7 @@ def _warmed(problem, coarse, warm):
     """A start from a related model's values; with that model's windows if its residuals are noise,
     else with short windows.
     """
-    previous = dict(zip(warm.keys, warm.values, strict=True))
+    previous = warm.shooting.known(warm.values)
     free = [unknown.begun(previous.get(unknown.key, unknown.start)) for unknown in problem.unknowns]
     shooting = replace(problem, unknowns=free, state_sizes=warm.shooting.state_sizes)
     fit, rival = warm.fit, warm.fit.cost

@@ -187,7 +187,7 @@ def assumptions(fitted: Fitted) -> list[Assumption]:
         alone = equations.of([*range(p), p + index])
         moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
-        by_key = dict(zip(fitted.keys, map(float, moves / units), strict=True))
+        by_key = fitted.shooting.known(moves / units)
         names = tuple(problem.experiments[n].measurement.name for n in records)
         result.append(Assumption(key, names, float(alone.step[p]), error, by_key))
     return result

@@ -76,12 +76,12 @@ class Identification(FitEvidence, ResultBase):
     @property
     def values(self) -> dict[str, float]:
         """Identified values by key, in the scene's units."""
-        return dict(zip(self.keys, map(float, self.fitted.values), strict=True))
+        return self.fitted.shooting.known(self.fitted.values)
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Standard errors by key."""
-        return dict(zip(self.keys, map(float, self.fitted.standard_errors), strict=True))
+        return self.fitted.shooting.known(self.fitted.standard_errors)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
