@@ -44,7 +44,6 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     DRAG,
-    FORCE,
     LITTLE,
     MASS,
     ORIGIN,
@@ -468,15 +467,15 @@ def _recentred(shooting, fit, scene):
     for every d that leaves the constant force unchanged; the d nearest to the scene's spring is
     used.
     """
-    keys, original = shooting.keys, scene.oscillator.restoring_force
-    outputs = [experiment.measurement.outputs for experiment in shooting.experiments]
-    if original is None or any(FORCE.format(n) not in keys for n in range(1, len(original))):
+    original = scene.oscillator.restoring_force
+    outputs = {name for record in shooting.experiments for name in record.measurement.outputs}
+    indices = {power_of(key): number for number, key in enumerate(shooting.keys) if power_of(key)}
+    if original is None or not {*range(1, len(original))} <= {*indices}:
         return fit
-    if scene.stoppers or ORIGIN in keys or any("displacement" in o for o in outputs):
+    if scene.stoppers or ORIGIN in shooting.keys or "displacement" in outputs:
         return fit
-    force = np.array(
-        [original[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(original)))]
-    )
+    free = [indices[power] for power in range(1, len(original))]
+    force = np.array([original[0], *fit.values[free]])
     reach = shooting.length * max(float(np.abs(states[:, 0]).max()) for states in fit.starts)
     shifts = [
         float(root.real)
@@ -491,8 +490,7 @@ def _recentred(shooting, fit, scene):
     if abs(shift) < 1e-6 * reach:
         return fit
     values = fit.values.copy()
-    for n in range(1, len(original)):
-        values[keys.index(FORCE.format(n))] = moved[n]
+    values[free] = moved[1:]
     starts = [states - [shift / shooting.length, 0.0, 0.0] for states in fit.starts]
     trial = shooting.minimized(replace(fit, values=values, starts=starts), ORIGIN_ITERATIONS, 1e-9)
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit

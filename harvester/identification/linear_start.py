@@ -81,30 +81,29 @@ def motion(trial: Trial) -> Motion:
     """
     (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
-    outputs = measurement.outputs
     smooth = _smoother(measurement.frequencies[1], rate)
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
     x: Any = None
     v: Any = None
-    if "voltage" in outputs:
-        seen = outputs["voltage"] / scales.voltage
-        if of_state != 0.0:
-            state = seen / of_state
-            decay = transducer.decay_rate()
-            x = state + decay * _integral(state, rate)
-            v = smooth(state, 1) + decay * smooth(state, 0)
-        else:
-            v = smooth(seen / of_velocity, 0)
-            x = _integral(seen / of_velocity, rate)
+    outputs = {
+        name: values / (scales.voltage if name == "voltage" else scales.displacement)
+        for name, values in measurement.outputs.items()
+    }
+    if "voltage" in outputs and of_state != 0.0:
+        state = outputs["voltage"] / of_state
+        decay = transducer.decay_rate()
+        x = state + decay * _integral(state, rate)
+        v = smooth(state, 1) + decay * smooth(state, 0)
+    elif "voltage" in outputs:
+        v = smooth(outputs["voltage"] / of_velocity, 0)
+        x = _integral(outputs["voltage"] / of_velocity, rate)
     if "displacement" in outputs:
-        seen = outputs["displacement"] / scales.displacement
-        x, v = smooth(seen, 0), smooth(seen, 1)
+        x, v = smooth(outputs["displacement"], 0), smooth(outputs["displacement"], 1)
     if "velocity" in outputs:
-        seen = outputs["velocity"] / scales.displacement
-        v = smooth(seen, 0)
-        x = x if "displacement" in outputs else _integral(seen, rate)
+        v = smooth(outputs["velocity"], 0)
+        x = x if "displacement" in outputs else _integral(outputs["velocity"], rate)
     if "voltage" not in outputs and v is not None:
         state = _driven_state(v, transducer.decay_rate(), rate)
     return Motion(x, v, state, "displacement" in outputs)

@@ -205,10 +205,11 @@ def read_measurement(
     measured = MeasuredFile(path, read_content(path)[0])
     chosen = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
     indices = [index for index, _ in chosen.values()]
-    scaled, unit_of = units != "SI", {}
-    for name, (index, unit) in chosen.items():
-        raw = any(f"{name}_{end}" in lines for end in LINE_ENDS)
-        unit_of[name] = measured.unit(name, index, unit, scaled, raw)
+    raw = {name.rpartition("_")[0] for name in lines}
+    unit_of = {
+        name: measured.unit(name, index, unit, units != "SI", name in raw)
+        for name, (index, unit) in chosen.items()
+    }
     is_response = "frequency" in chosen or "response" in chosen
     if is_response and free_keys:
         raise SceneError(

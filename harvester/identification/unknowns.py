@@ -85,16 +85,13 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
     keys = [VELOCITY_SCALE] if volts else []
     for key, (value, _) in numbers(scene).items():
         table, _, name = key.rpartition(".")
-        if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
-            continue
-        if key == ORIGIN and "displacement" not in outputs:
-            continue
+        is_of_device = table.partition("[")[0] in DEVICE_TABLES and name not in KNOWN
         # A value of 0 means that the device lacks this part.
-        if value == 0.0 and key not in (ORIGIN, "oscillator.damping"):
-            continue
-        if table in ("piezo", "coil") and "voltage" not in outputs:
-            continue
-        keys.append(key)
+        exists = value != 0.0 or key in (ORIGIN, "oscillator.damping")
+        needed = {ORIGIN: "displacement", "piezo": "voltage", "coil": "voltage"}
+        output = needed.get(key) or needed.get(table)
+        if is_of_device and exists and output in (None, *outputs):
+            keys.append(key)
     return keys
 
 

@@ -554,24 +554,19 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
     residuals, starts = table[..., -1], table[..., :-1]
     drawn = without_states(_drawn(shooting, fit, number, record.measured), starts, cuts)
-    simulated = residuals * noise + record.measured
     for output, name in enumerate(record.outputs):
-        columns = _signals(measurement, inside, simulated[:, output])
+        columns = _signals(measurement, inside, record.windowed[:, output])
         alone = np.zeros((*record.measured.shape, columns.shape[1]))
         alone[:, output] = columns
         signals = without_states(alone, starts, cuts)[:, output]
         spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
         explained, ratio = _regressed(residuals[:, output], signals, spectrum)
         unit = float(noise[output] / np.std(record.measured[:, output]))
-        rms, drawn_rms, systematic = (
-            unit * _rms(residuals[:, output]),
-            unit * _rms(drawn[:, output]),
-            unit * explained,
-        )
-        follows = ratio >= SYSTEMATIC and systematic >= UNNOTICED
-        large = rms > TOO_LARGE * drawn_rms and rms**2 - drawn_rms**2 > UNNOTICED**2
+        left, of_noise = unit * _rms(residuals[:, output]), unit * _rms(drawn[:, output])
+        follows = ratio >= SYSTEMATIC and unit * explained >= UNNOTICED
+        large = left > TOO_LARGE * of_noise and left**2 - of_noise**2 > UNNOTICED**2
         is_noise = not (follows or large)
-        parts.append(Unexplained(name, rms, drawn_rms, systematic, ratio, is_noise))
+        parts.append(Unexplained(name, left, of_noise, unit * explained, ratio, is_noise))
     return replace(record, unexplained=tuple(parts))
 
 
