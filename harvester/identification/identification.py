@@ -137,10 +137,8 @@ class Identification(FitEvidence, ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval and unit."""
-        header, rows = (
-            ["parameter", "value ± 95 % interval", "unit", "state"],
-            self._rows(self.fitted),
-        )
+        rows = self._rows(self.fitted)
+        header = ["parameter", "value ± 95 % interval", "unit", "state"]
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
@@ -191,9 +189,7 @@ class Identification(FitEvidence, ResultBase):
         if self.impedance:
             lines += self.impedance.findings(self.fitted)
         lines += [
-            f"{record.name}: {remark}"
-            for record in self.measurements
-            for remark in getattr(record, "remarks", ())
+            f"{record.name}: {remark}" for record in self.measurements for remark in record.remarks
         ]
         lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} keeps the scene's value" for key, unclear in self.kept]

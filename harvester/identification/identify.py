@@ -203,7 +203,7 @@ def identify(
     try:
         base, fixed = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
-        remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
+        remarks = [remark for record in measurements for remark in record.remarks]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
     narrow = base

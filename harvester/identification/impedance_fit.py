@@ -334,7 +334,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
             f"{scene.name}: an impedance needs a piezo in SI units: give the scene units = "
             '"SI" and a table [piezo]'
         )
-    measured.check()
+    measured.check_size()
     lines = ~measured.aside
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system

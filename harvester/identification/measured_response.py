@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import NoneType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -53,6 +53,11 @@ class MeasuredResponse:
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "response"
     sensors: dict[str, float] = field(default_factory=dict)
+
+    # Attributes of time records.
+    remarks: ClassVar[tuple[str, ...]] = ()
+    own: ClassVar[tuple[str, ...]] = ()
+    velocity_in_volts: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         arrays = {quantity: np.atleast_1d(values) * 1.0 for quantity, values in self._arrays()}
@@ -127,7 +132,8 @@ class MeasuredResponse:
         """A selection of the frequencies."""
         return replace(self, **{quantity: values[lines] for quantity, values in self._arrays()})
 
-    def _check_size(self):
+    def check_size(self) -> None:
+        """Raise IdentificationError if there are too few frequencies."""
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
                 f"{self.name}: too short: {self.frequency.size} frequencies: must be "
@@ -142,7 +148,7 @@ class MeasuredResponse:
         IdentificationError
             Too few frequencies, none on one side of the resonance, or a rising phase.
         """
-        self._check_size()
+        self.check_size()
         if self.resonance in self.frequency[[0, -1]]:
             raise IdentificationError(
                 f"{self.name}: no excitation in the relevant band: the response is largest at "
@@ -246,10 +252,6 @@ class MeasuredImpedance(MeasuredResponse):
     def assumed_noise(self) -> np.ndarray:
         """Relative noise of both outputs assumed by the first fit."""
         return np.full(2, ASSUMED_IMPEDANCE_NOISE)
-
-    def check(self) -> None:
-        """Raise IdentificationError if there are too few frequencies."""
-        self._check_size()
 
 
 def impedance_outputs(impedance: np.ndarray) -> dict[str, np.ndarray]:

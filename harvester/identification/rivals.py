@@ -463,9 +463,8 @@ def reinterpreted(measurements: Sequence[Measurement]) -> Iterator[tuple[str, li
     yield from _without_mean(measurements, "voltage")
     yield from _without_mean(measurements, "velocity")
     # With a single channel one sign is enough, since the other gives the mirrored device.
-    turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
-    turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
-    for name in turnable:
+    channels = [name for name in ("voltage", "acceleration") if name in (*outputs, "acceleration")]
+    for name in channels[: len(outputs)]:
         key = f"sensor.{name}_scale"
         if not any(key in record.sensors for record in measurements):
             yield (
