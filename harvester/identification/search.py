@@ -190,13 +190,21 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
 
 def split_windows(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit divided into the shortest windows, whose starts are on its motion."""
-    edges, starts = [], []
-    for number, old in enumerate(fit.edges):
-        states = shooting.states(fit, number)
-        measurement = shooting.experiments[number].measurement
-        cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
-        edges.append(cut)
-        starts.append(states[cut[:-1] - old[0]])
+    records = [record.measurement for record in shooting.experiments]
+    return _divided(
+        shooting,
+        fit,
+        [
+            np.union1d(old, short_windows(record, old[0], old[-1]))
+            for record, old in zip(records, fit.edges, strict=True)
+        ],
+    )
+
+
+def _divided(shooting, fit, edges):
+    """The fit with further edges of windows, whose starts are on its motion."""
+    paths = (shooting.states(fit, number) for number in range(len(edges)))
+    starts = [path[cut[:-1] - cut[0]] for path, cut in zip(paths, edges, strict=True)]
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
@@ -223,7 +231,11 @@ def refit_doubtful(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
         for doubtful, growth in zip(cut, fit.growth, strict=True)
     ]
     if any(windows.any() for windows in cut):
-        better = shortened(shooting, better, cut)
+        halves = []
+        for old, where in zip(better.edges, cut, strict=True):
+            long = np.diff(old) >= 2 * FEWEST_SAMPLES
+            halves.append(np.union1d(old, ((old[:-1] + old[1:]) // 2)[where & long]))
+        better = _divided(shooting, better, halves)
     if better is not fit:
         better = shooting.minimized(better, ON_THE_WAY, COARSE)
     return better if better.grams else fit
@@ -234,12 +246,9 @@ def _doubtful(fit, sums=None):
 
     `sums`: the windows' sums of squares, by default from the fit.
     """
-    doubtful = []
-    for number, edges in enumerate(fit.edges):
-        squares = fit.grams[number][:, -1, -1] if sums is None else sums[number]
-        means = squares / np.diff(edges)
-        doubtful.append(means > DOUBTFUL * np.median(means))
-    return doubtful
+    sums = sums or [grams[:, -1, -1] for grams in fit.grams]
+    means = [part / np.diff(edges) for part, edges in zip(sums, fit.edges, strict=True)]
+    return [part > DOUBTFUL * np.median(part) for part in means]
 
 
 def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
@@ -252,17 +261,15 @@ def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> Sho
     most : sequence of int
         Maximum number of samples per window, by experiment.
     """
-    edges, starts, joined = [], [], False
     if not short.grams:
         return None
-    for number, old in enumerate(short.edges):
-        first_windows = _window_begins(
-            short.transitions[number], short.growth[number], old, most[number]
-        )
-        joined |= first_windows.size < len(fit.starts[number])
-        edges.append(np.append(old[first_windows], old[-1]))
-        starts.append(short.starts[number][first_windows])
-    return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
+    parts = zip(short.transitions, short.growth, short.edges, most, strict=True)
+    begins = [_window_begins(*part) for part in parts]
+    if all(begin.size >= len(starts) for begin, starts in zip(begins, fit.starts, strict=True)):
+        return None
+    edges = [np.append(old[at], old[-1]) for at, old in zip(begins, short.edges, strict=True)]
+    starts = [states[at] for at, states in zip(begins, short.starts, strict=True)]
+    return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
 def _window_begins(transitions, growth, edges, most):
@@ -291,27 +298,6 @@ def _norms(matrices):
     norms, finite = np.full(len(matrices), np.inf), np.isfinite(matrices).all(axis=(1, 2))
     norms[finite] = np.linalg.norm(matrices[finite], 2, axis=(1, 2))
     return norms
-
-
-def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:
-    """The fit with some windows divided in half, the second half starting where the first ends.
-
-    Parameters
-    ----------
-    where : sequence of ndarray of bool
-        The windows to divide, by experiment.
-    """
-    edges, starts = [], []
-    for number, old in enumerate(fit.edges):
-        states = shooting.states(fit, number)
-        cut = where[number] & (np.diff(old) >= 2 * FEWEST_SAMPLES)
-        middles = ((old[:-1] + old[1:]) // 2)[cut]
-        new = np.concatenate([old[:-1], middles])
-        order = np.argsort(new, kind="stable")
-        begun = np.concatenate([fit.starts[number], states[middles - old[0]]])
-        edges.append(np.append(new[order], old[-1]))
-        starts.append(begun[order])
-    return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
 # Number of displacements to try for each window's start.
