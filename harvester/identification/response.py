@@ -140,28 +140,19 @@ class Trial:
 
     Parameters
     ----------
+    problem : Shooting
+        The problem with the experiments, the displacement unit and the interpolation.
+    number : int
+        Number of the experiment.
     known : dict of str to float
         Values of the unknowns by key.
-    number : int
-        Number of the experiment, to which some unknowns are limited.
-    length : float
-        Displacement unit of the states, in the scene's units.
-    interpolation : str
-        A name in `INTERPOLATIONS`.
     """
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        known: dict[str, float],
-        number: int,
-        length: float,
-        interpolation: str,
-    ) -> None:
-        self.experiment, self.measurement = experiment, experiment.measurement
-        self.scene: Any = experiment.scene
+    def __init__(self, problem: Any, number: int, known: dict[str, float]) -> None:
+        self.experiment: Experiment = problem.experiments[number]
+        self.measurement, self.scene = self.experiment.measurement, self.experiment.scene
+        self.length, self.interpolation = problem.length, problem.interpolation
         self.known = known
-        self.length, self.interpolation = length, interpolation
         factors = ((factor_of(key), value) for key, value in known.items())
         # Factors of this experiment's assumed values, by key.
         self.factors = {of[0]: value for of, value in factors if of and number in of[1]}
@@ -361,7 +352,8 @@ class Trial:
     @property
     def capacitance(self) -> float:
         """Clamped capacitance of the piezo (F)."""
-        return self.known.get("piezo.capacitance", self.scene.transducer.capacitance)
+        piezo: Any = self.scene.transducer
+        return self.known.get("piezo.capacitance", piezo.capacitance)
 
     def _response(self, system, scales):
         """Complex voltage per base acceleration, before the sensors' effects."""

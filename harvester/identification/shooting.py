@@ -132,8 +132,7 @@ class Shooting:
 
     def at(self, number: int, values: Iterable[float]) -> Trial:
         """One experiment with values of the unknowns."""
-        record, known = self.experiments[number], self.known(values)
-        return Trial(record, known, number, self.length, self.interpolation)
+        return Trial(self, number, self.known(values))
 
     def residuals(
         self, fit: ShootingFit, number: int, values: Any = None, starts: Any = None
