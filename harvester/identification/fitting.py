@@ -19,7 +19,7 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.identifiability import Undetermined, undetermined, units_of
+from harvester.identification.intervals import Undetermined, undetermined, units_of
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
 from harvester.identification.response import (

@@ -1,25 +1,28 @@
-"""Identifiability: undetermined combinations of fitted values, and effects of assumed values.
+"""Identifiability: values that keep the scene's values, and effects of assumed values.
 
-A null direction of the Jacobian, with columns relative to the values, is a combination of values
-that the data do not determine. A sensor's gain, a load's resistance and the mass are assumed exact.
+A sensor's gain, a load's resistance and the mass are assumed exact.
 Adding the column of such an assumed value shows whether its error changes the residuals, and which
 fitted values compensate for it. One error at a time is examined.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.intervals import HALF_INTERVAL, normal_equations
+from harvester.identification.intervals import (
+    HALF_INTERVAL,
+    Undetermined,
+    normal_equations,
+    undetermined,
+    units_of,
+)
 from harvester.identification.measured_response import MeasuredImpedance
 from harvester.identification.unknowns import (
     BASE_FACTOR,
     BASE_SCALE,
-    LITTLE,
     LOAD,
     MASS,
     factor_key,
@@ -28,13 +31,7 @@ from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.unknowns import Unknown
 
-# A value with a larger relative standard error is undetermined.
-UNDETERMINED = 0.5
-# A value belongs to an undetermined direction if its component exceeds this share of the largest
-# one.
-SHARE_OF_DIRECTION = 0.1
 # The data reveal an error of an assumed value if its relative standard error in a joint fit is
 # below this: an error of 3 % is then three standard errors.
 SEPARABLE = 0.01
@@ -44,32 +41,6 @@ DEPENDENT = 0.05
 # If a combination of values is undetermined, its first member in this list keeps the scene's value;
 # if it has none of them, the value with the largest component does.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
-
-
-@dataclass(frozen=True)
-class Undetermined:
-    """A direction in which values can change without effect on the data.
-
-    Attributes
-    ----------
-    keys : tuple of str
-        Keys of the values that change together.
-    powers : tuple of float
-        Exponents of the product of values that the data determine; empty for a single value.
-    """
-
-    keys: tuple[str, ...]
-    powers: tuple[float, ...]
-
-    def __str__(self) -> str:
-        names = [key.rpartition(".")[2] for key in self.keys]
-        if not self.powers:
-            return f"{names[0]} is not determined"
-        factors = [
-            name if power == 1.0 else f"{name}^{power:.3g}"
-            for name, power in zip(names, self.powers, strict=True)
-        ]
-        return f"{' and '.join(names)} are not determined separately, only {' · '.join(factors)}"
 
 
 @dataclass(frozen=True)
@@ -121,24 +92,6 @@ class Assumption:
         return f"{self.key} is assumed exact: +1 % changes {moved or 'no value'}; {change}"
 
 
-def undetermined(
-    unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
-) -> list[Undetermined]:
-    """Directions of relative values with too large standard errors."""
-    # A value that may be 0 is determined if its error is small compared with a change of order one.
-    keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
-    relative = covariance / np.outer(units, units)
-    spread, directions = np.linalg.eigh(relative)
-    unclear = []
-    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
-        direction = directions[:, k]
-        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
-        members = members[np.argsort(-np.abs(direction[members]))]
-        names = tuple(keys[n] for n in members)
-        unclear.append(Undetermined(names, _determined_powers(relative, members)))
-    return unclear
-
-
 def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
     """Keys to keep at the scene's values so that the records determine the others, with reasons.
 
@@ -155,22 +108,6 @@ def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
         matrix = matrix - np.outer(matrix[n], matrix[n]) / matrix[n, n]
         values, matrix = np.delete(values, n), np.delete(np.delete(matrix, n, 0), n, 1)
     return fixed
-
-
-def _determined_powers(relative, members):
-    """Exponents of the product of the undetermined values that the records determine best."""
-    if members.size == 1:
-        return ()
-    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
-    best = directions[:, 0]
-    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
-
-
-def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
-    """Units of relative values: the value, or its size if it may be 0 and is small."""
-    sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
-    values = np.abs(values)
-    return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
 
 
 def assumptions(fitted: Fitted) -> list[Assumption]:

@@ -24,8 +24,8 @@ from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.identifiability import Undetermined
     from harvester.identification.impedance_fit import FromImpedance
+    from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
     from harvester.scene.model import Scene

@@ -19,8 +19,8 @@ from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.identifiability import Undetermined
     from harvester.identification.identification import Identification
+    from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 

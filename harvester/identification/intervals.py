@@ -13,6 +13,9 @@ white noise is added to the acceleration and passed through the model in the fit
 power is the record's noise floor, limited by the residuals' spectrum without the outputs' white
 noise (Whittle likelihood). Before the comparison, the part that windows' starts and values explain
 is removed from both noises and the residuals: short windows absorb noise in the motion's band.
+
+An eigenvector of the relative covariance with a large eigenvalue is a combination of values that
+the data do not determine.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.sensors import without_states
+from harvester.identification.unknowns import LITTLE
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     autocorrelations,
@@ -34,6 +38,7 @@ from harvester.statistics.batch_means import student_factor
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
+    from harvester.identification.unknowns import Unknown
 
 # Maximum change of a value if one record is omitted, in units of the value's size.
 MOST_MOVED = 10.0
@@ -270,3 +275,70 @@ def _sizes(residuals, drawn):
     error = math.sqrt(max(_inverse(weighted.T @ weighted)[0, 0], 0.0)) if parts[:, 0].any() else 0.0
     share = sizes[0] if sizes[0] - SURE_OF_SHARE * error > 1.0 else 1.0
     return min(share, sizes[0] + SURE_OF_SHARE * error), sizes[1:]
+
+
+# A value with a larger relative standard error is undetermined.
+UNDETERMINED = 0.5
+# A value belongs to an undetermined direction if its component exceeds this share of the largest
+# one.
+SHARE_OF_DIRECTION = 0.1
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A direction in which values can change without effect on the data.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Keys of the values that change together.
+    powers : tuple of float
+        Exponents of the product of values that the data determine; empty for a single value.
+    """
+
+    keys: tuple[str, ...]
+    powers: tuple[float, ...]
+
+    def __str__(self) -> str:
+        names = [key.rpartition(".")[2] for key in self.keys]
+        if not self.powers:
+            return f"{names[0]} is not determined"
+        factors = [
+            name if power == 1.0 else f"{name}^{power:.3g}"
+            for name, power in zip(names, self.powers, strict=True)
+        ]
+        return f"{' and '.join(names)} are not determined separately, only {' · '.join(factors)}"
+
+
+def undetermined(
+    unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
+) -> list[Undetermined]:
+    """Directions of relative values with too large standard errors."""
+    # A value that may be 0 is determined if its error is small compared with a change of order one.
+    keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
+    relative = covariance / np.outer(units, units)
+    spread, directions = np.linalg.eigh(relative)
+    unclear = []
+    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
+        direction = directions[:, k]
+        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
+        members = members[np.argsort(-np.abs(direction[members]))]
+        names = tuple(keys[n] for n in members)
+        unclear.append(Undetermined(names, _determined_powers(relative, members)))
+    return unclear
+
+
+def _determined_powers(relative, members):
+    """Exponents of the product of the undetermined values that the records determine best."""
+    if members.size == 1:
+        return ()
+    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
+    best = directions[:, 0]
+    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
+
+
+def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
+    """Units of relative values: the value, or its size if it may be 0 and is small."""
+    sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
+    values = np.abs(values)
+    return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)

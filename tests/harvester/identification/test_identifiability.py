@@ -16,8 +16,9 @@ from measured_records import (
 )
 
 from harvester.identification import fitting, identifiability
-from harvester.identification.identifiability import assumptions, to_keep, undetermined
+from harvester.identification.identifiability import assumptions, to_keep
 from harvester.identification.identify import _determined, identify
+from harvester.identification.intervals import undetermined
 from harvester.identification.unknowns import Unknown
 
 DAMPING, GAIN = 0.03, 1.05
