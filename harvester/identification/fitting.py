@@ -374,7 +374,10 @@ def _in_time(problem, scene, warm, follow):
 
 def _of_lines(problem, first, scene, count, joint):
     """Starts of a fit to responses and impedances, and to time records if there are any."""
-    lines = _line_windows(problem.experiments[count:])
+    # A response or an impedance is one window without states.
+    sweeps = [experiment.measurement for experiment in problem.experiments[count:]]
+    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
+    lines = edges, [NO_STATES] * len(sweeps), [sweep.assumed_noise for sweep in sweeps]
     if first is None:
         grid = (ShootingFit(values, *lines) for values in _grid(problem, joint))
         best = sorted(grid, key=problem.cost)[:MOST_STARTS]
@@ -393,13 +396,6 @@ def _of_lines(problem, first, scene, count, joint):
         factor = (coupling / scene.transducer.coupling) ** 2
         starts.append(_of_mass(problem, values, factor, scene))
     return [(problem, ShootingFit(values, *windows)) for values in starts]
-
-
-def _line_windows(experiments):
-    """Edges, starts and initial noise of responses and impedances: one stateless window each."""
-    sweeps = [experiment.measurement for experiment in experiments]
-    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
-    return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
 
 
 def _of_mass(shooting, values, factor, scene):

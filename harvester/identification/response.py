@@ -35,11 +35,11 @@ from harvester.identification.measured_response import (
 )
 from harvester.identification.sensors import (
     HIGHPASSES,
+    NEUTRAL,
     VELOCITY_SCALE,
     filtered,
     integrals,
     invert_high_pass,
-    neutral,
     parallel,
     without_memory,
 )
@@ -202,7 +202,8 @@ class Trial:
         """A sensor's parameter: free, or as given for this record."""
         if key in self.known:
             return self.known[key]
-        default = self.measurement.sensors.get(key, neutral(key))
+        neutral = NEUTRAL.get(key.rpartition("_")[2], 0.0)
+        default = self.measurement.sensors.get(key, neutral)
         return default * self.factors.get(key, 1.0)
 
     def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:

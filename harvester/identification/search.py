@@ -1,4 +1,7 @@
-"""Fit from several starts: first with short windows, then with longer ones from the best."""
+"""Fit from several starts: first with short windows, then with longer ones from the best.
+
+The starts of windows whose motion was not measured are searched, each window on its own.
+"""
 
 from __future__ import annotations
 

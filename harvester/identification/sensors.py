@@ -62,11 +62,6 @@ def sensor_keys(outputs: Sequence[str]) -> list[str]:
     return keys
 
 
-def neutral(key: str) -> float:
-    """A sensor's value without effect."""
-    return NEUTRAL.get(key.rpartition("_")[2], 0.0)
-
-
 def checked_sensors(
     values: Mapping[str, object], outputs: Sequence[str], where: str
 ) -> dict[str, float]:

@@ -365,13 +365,12 @@ class WholeRecord(ValidationRecord):
         claim = "claimed" if self.claimed else f"not claimed ({self.outside})"
         outcome = "within its interval" if self.holds else "not as predicted"
         quantity, unit = self.compared
-        measured, expected = (
-            f"{orbit}, rms {_text(rms, self.rms_unit)}, {quantity} {_text(power, unit)}"
-            for orbit, rms, power in (
-                (self.measured_orbit, self.measured_rms, self.powers()[0]),
-                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
-            )
-        )
+
+        def outcome_of(orbit, rms, power):
+            return f"{orbit}, rms {_text(rms, self.rms_unit)}, {quantity} {_text(power, unit)}"
+
+        measured = outcome_of(self.measured_orbit, self.measured_rms, self.powers()[0])
+        expected = outcome_of(self.predicted_orbit, self.predicted_rms, self.predicted_power)
         fitted_values = self.own.items() if self.follows else ()
         values = ", ".join(f"{key} = {_text(value, '')}" for key, value in fitted_values)
         return (

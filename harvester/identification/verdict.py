@@ -89,9 +89,7 @@ def _better_rival(evidence):
 def _unexplained(evidence):
     if evidence.worst.is_explained:
         return None
-    if not evidence.rivals[1:]:
-        return ""
-    return "no rival model explains the residual"
+    return "no rival model explains the residual" if evidence.rivals[1:] else ""
 
 
 def _needed_power(evidence):
