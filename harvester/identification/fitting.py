@@ -22,12 +22,7 @@ from harvester.identification import intervals
 from harvester.identification.intervals import Undetermined, undetermined, units_of
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
-from harvester.identification.response import (
-    COARSE_STEPS,
-    INTERPOLATIONS,
-    NO_STATES,
-    experiment,
-)
+from harvester.identification.response import COARSE_STEPS, INTERPOLATIONS, NO_STATES, experiment
 from harvester.identification.search import (
     COARSE,
     FINE,
@@ -56,11 +51,7 @@ from harvester.identification.unknowns import (
     unknowns,
     with_values,
 )
-from harvester.identification.validation_record import (
-    ValidationRecord,
-    predicted_lines,
-    validated,
-)
+from harvester.identification.validation_record import ValidationRecord, predicted_lines, validated
 from harvester.scene.units import setting
 
 if TYPE_CHECKING:

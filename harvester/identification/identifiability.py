@@ -20,13 +20,7 @@ from harvester.identification.intervals import (
     units_of,
 )
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import (
-    BASE_FACTOR,
-    BASE_SCALE,
-    LOAD,
-    MASS,
-    factor_key,
-)
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS, factor_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:

@@ -32,12 +32,7 @@ from harvester.identification.unknowns import (
     spring_coefficients,
     with_values,
 )
-from harvester.identification.validation_record import (
-    HALF_INTERVAL,
-    SURE,
-    block_means,
-    mean_of,
-)
+from harvester.identification.validation_record import HALF_INTERVAL, SURE, block_means, mean_of
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:

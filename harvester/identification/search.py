@@ -13,12 +13,7 @@ import numpy as np
 
 from harvester.identification.linear_start import motion, starts_from
 from harvester.identification.response import side_by_side
-from harvester.identification.shooting import (
-    Shooting,
-    ShootingFit,
-    grams_of,
-    state_inverse,
-)
+from harvester.identification.shooting import Shooting, ShootingFit, grams_of, state_inverse
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -49,9 +44,7 @@ FEWEST_SAMPLES = 12
 
 
 def searched(
-    problem: Shooting,
-    lengths: Sequence[int],
-    follow: Callable[[float], object],
+    problem: Shooting, lengths: Sequence[int], follow: Callable[[float], object]
 ) -> tuple[Shooting, ShootingFit] | None:
     """The best fit; None if no start leads to one.
 

@@ -15,12 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.identification.response import (
-    INTERPOLATIONS,
-    Trial,
-    interpolated,
-    side_by_side,
-)
+from harvester.identification.response import INTERPOLATIONS, Trial, interpolated, side_by_side
 
 if TYPE_CHECKING:
     from harvester.identification.response import Experiment
