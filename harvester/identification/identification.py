@@ -39,7 +39,7 @@ SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz"
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Identification(FitEvidence, ResultBase):
-    """A scene identified from records.
+    """A scene identified from records, with the evidence for its verdict (`FitEvidence`).
 
     Attributes
     ----------

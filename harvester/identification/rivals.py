@@ -443,12 +443,12 @@ def next_power(base: Fitted) -> NextPower | None:
     step = equations.step * shooting.sizes
     errors = np.sqrt(np.maximum(np.diag(equations.covariance), 0.0)) * shooting.sizes
     spring = {n: key for n, key in enumerate(base.keys) if power_of(key) and base.values[n]}
-    halves = HALF_INTERVAL * errors[: len(base.keys)] / np.abs(base.values)
+    halves = {key: HALF_INTERVAL * errors[n] / abs(base.values[n]) for n, key in spring.items()}
     return NextPower(
         max(powers),
         float(step[-1] / errors[-1]),
         {key: abs(float(step[n] / base.values[n])) for n, key in spring.items()},
-        {key: float(halves[n]) for n, key in spring.items() if power_of(key) > 1},
+        {key: float(half) for key, half in halves.items() if power_of(key) > 1},
     )
 
 
