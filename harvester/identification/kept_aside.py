@@ -224,9 +224,7 @@ def _outside(system, length, ranges, si, several_loads):
     for edge in contact.edges(system.contacts):
         if np.isfinite(edge) and edge and not _inside(ranges, length * edge):
             parts.append(f"the stopper at {at(length * edge)}")
-    low = min(interval[0] for interval in ranges)
-    high = max(interval[1] for interval in ranges)
-    parts.append(f"the walls beyond {at(low)} and {at(high)}")
+    parts.append(f"the walls beyond {at(np.min(ranges))} and {at(np.max(ranges))}")
     if not several_loads:
         parts.append(
             "other loads (coupling and capacitance are only as accurate as the load's resistance)"
@@ -292,10 +290,10 @@ def kept_aside(
 def _likely(fitted, seed):
     """Sets of values that define a valid device: the fitted one, then draws from the covariance."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
-    spread, directions = np.linalg.eigh(fitted.covariance)
-    root = directions * np.sqrt(np.maximum(spread, 0.0))
-    draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
-    draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
+    normal = random.multivariate_normal(
+        fitted.values, fitted.covariance, MOST_DRAWN, check_valid="ignore", method="eigh"
+    )
+    draws = np.clip(normal, fitted.shooting.low, fitted.shooting.high)
     possible = (draw for draw in draws if fitted.shooting.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
