@@ -208,9 +208,9 @@ WEIGHTINGS = 3
 ORIGIN_ITERATIONS = 6
 
 
-def _lengths(records):
-    """Number of fitted samples of each record."""
-    return [int(FITTED_SHARE * record.acceleration.size) for record in records]
+def _fitted_samples(record):
+    """Number of fitted samples of a record."""
+    return int(FITTED_SHARE * record.acceleration.size)
 
 
 def _interpolations(measurements):
@@ -312,20 +312,14 @@ def fitted(
         if _misfit(trial) - _misfit(fit) < RULED_OUT
     ]
     covariance = sum((np.outer(d, d) for d in alternatives), intervals.covariance(shooting, fit))
-    records: list[Any] = []
-    settled, fitted_experiments = None, shooting.experiments[: len(times)]
-    if times:
-        spans = [
-            (length, record.acceleration.size)
-            for length, record in zip(_lengths(times), times, strict=True)
-        ]
-        alone = replace(shooting, experiments=fitted_experiments, fixed=True)
-        settled = in_short_windows(alone, fit, spans)
-        if alone.linearized(settled):
-            settled = followed(alone, settled)
-        records = [validated(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
-    held_out = replace(shooting, experiments=[*fitted_experiments, *aside])
+    in_time = shooting.experiments[: len(times)]
+    held_out = replace(shooting, experiments=[*in_time, *aside], fixed=True)
+    spans = [(_fitted_samples(record), record.acceleration.size) for record in times]
+    settled: Any = in_short_windows(held_out, fit, spans) if times else None
+    if settled and held_out.linearized(settled):
+        settled = followed(held_out, settled)
+    records: list[Any] = [validated(held_out, settled, number) for number in range(len(times))]
     records += [predicted_lines(held_out, fit.values, len(times) + n) for n in range(len(lines))]
     return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
 
@@ -353,7 +347,9 @@ def _in_time(problem, scene, warm, follow):
         # A related model has the interpolation of the model with which it is compared.
         starts = _warmed(replace(problem, interpolation=warm.interpolation), coarse, warm)
     else:
-        begun = searched(replace(problem, experiments=coarse), _lengths(times), follow)
+        begun = searched(
+            replace(problem, experiments=coarse), [*map(_fitted_samples, times)], follow
+        )
         if begun is None:
             return []
         shooting, fit = begun[0], _recentred(*begun, scene)

@@ -135,10 +135,8 @@ class Measurement:
             density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
             total = np.cumsum(density)
             shares = total[-1] * np.array([0.5, FASTEST_SHARE])
-            frequencies_at = (
-                f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
-            )
-            ends.append(frequencies_at)
+            moves = total[-1] > 0.0
+            ends.append(f[np.searchsorted(total, shares)] if moves else [0.1 * rate] * 2)
         slowest = 1.0 / self.duration
         median, fastest = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
         return max(float(median), slowest), max(float(fastest), slowest)

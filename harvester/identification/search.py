@@ -159,14 +159,15 @@ def in_short_windows(
     fit : ShootingFit
         The fit with the values and the noise.
     stretches : sequence of (int, int)
-        First sample of each experiment's part, and the sample after its last one.
+        First sample of the part of each experiment, or of the first ones, and the sample after its
+        last one.
     reach : (float, float), optional
         Displacements in which the mass is searched; by default the range of the fitted motion.
     """
     experiments = shooting.experiments
     edges = [
         short_windows(experiment.measurement, first, last)
-        for experiment, (first, last) in zip(experiments, stretches, strict=True)
+        for experiment, (first, last) in zip(experiments, stretches, strict=False)
     ]
     begun = ShootingFit(fit.values, edges, [], fit.noise[: len(edges)])
     for number, cut in enumerate(edges):
@@ -192,7 +193,7 @@ def split_windows(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
         fit,
         [
             np.union1d(old, short_windows(record, old[0], old[-1]))
-            for record, old in zip(records, fit.edges, strict=True)
+            for record, old in zip(records, fit.edges, strict=False)
         ],
     )
 
