@@ -333,8 +333,7 @@ class Shooting:
                 return fit
             if last:
                 # Such a short step does not change the linearization.
-                trial.grams, trial.transitions = fit.grams, fit.transitions
-                trial.growth = fit.growth
+                trial = replace(fit, values=trial.values, starts=trial.starts, cost=trial.cost)
                 return trial if trial.cost < fit.cost else fit
             damping = max(0.2 * damping, LEAST_DAMPING)
             if not self.linearized(trial):
