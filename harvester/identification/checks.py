@@ -91,7 +91,7 @@ def check_records(
 
 def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
     """Whether a velocity is in volts of unknown scale."""
-    return getattr(record, "velocity_in_volts", False) and VELOCITY_SCALE not in record.sensors
+    return record.velocity_in_volts and VELOCITY_SCALE not in record.sensors
 
 
 def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> None:
@@ -118,7 +118,7 @@ def _check_kept_aside(scene, fitted, aside):
             "also give a record to fit (--record)"
         )
     for record in fitted:
-        for key in getattr(record, "own", ()):
+        for key in record.own:
             raise IdentificationError(
                 f"{record.name}: {named(key)} = free: only a validation record (--keep-aside) can "
                 "have a free value: give the value, or free it for all records (--free)"

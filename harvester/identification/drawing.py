@@ -68,13 +68,9 @@ def _in_time(identification, record):
     count = int(min(values.size, SHOWN_PERIODS * 2.0 * values.size / max(crossings, 1)))
     waves = [part[:count, 0] for part in (record.measured, record.windowed, record.residuals)]
     segment = max(16, values.size // SEGMENTS)
-    f, densities = signal.welch(
-        np.column_stack([values, record.free[:, 0], record.residuals[:, 0]]),
-        record.rate,
-        nperseg=segment,
-        axis=0,
-    )
-    both = np.column_stack([values, record.free[:, 0]])
+    series = np.column_stack([values, record.free[:, 0], record.residuals[:, 0]])
+    f, densities = signal.welch(series, record.rate, nperseg=segment, axis=0)
+    both = series[:, :2]
     bins = np.linspace(both.min(), both.max(), BINS + 1)
     shares = [np.histogram(column, bins, density=True)[0] for column in both.T]
     white = identification.records[0].whiteness()

@@ -19,17 +19,10 @@ import numpy as np
 from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification import intervals
-from harvester.identification.identifiability import Undetermined, undetermined, units_of
+from harvester.identification.intervals import Undetermined, undetermined, units_of
 from harvester.identification.linear_start import shifted
 from harvester.identification.measured_response import MeasuredImpedance, MeasuredResponse
-from harvester.identification.response import (
-    COARSE_STEPS,
-    FINE_STEPS,
-    INTERPOLATIONS,
-    NO_STATES,
-    Responses,
-    experiment,
-)
+from harvester.identification.response import COARSE_STEPS, INTERPOLATIONS, NO_STATES, experiment
 from harvester.identification.search import (
     COARSE,
     FINE,
@@ -46,22 +39,19 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import (
     DRAG,
-    FORCE,
     LITTLE,
     MASS,
     ORIGIN,
+    SPRING,
     as_coefficients,
     first_sizes,
     power_of,
     sizes_of,
+    spring_coefficients,
     unknowns,
     with_values,
 )
-from harvester.identification.validation_record import (
-    ValidationRecord,
-    predicted_lines,
-    validated,
-)
+from harvester.identification.validation_record import ValidationRecord, predicted_lines, validated
 from harvester.scene.units import setting
 
 if TYPE_CHECKING:
@@ -106,12 +96,17 @@ class Fitted:
     @property
     def interpolation(self) -> str:
         """Interpolation of the acceleration between its samples."""
-        return self.shooting.responses.interpolation
+        return self.shooting.interpolation
 
     @cached_property
     def undetermined(self) -> list[Undetermined]:
         """Combinations of values that the records do not determine."""
         return undetermined(self.shooting.unknowns, self.values, self.covariance)
+
+    @property
+    def undetermined_keys(self) -> set[str]:
+        """Keys of values that the records do not determine."""
+        return {key for direction in self.undetermined for key in direction.keys}
 
     @property
     def explains(self) -> bool:
@@ -125,7 +120,7 @@ class Fitted:
         A wrong model leaves large residuals, so that its windows are repeatedly shortened.
         """
         edges = self.fit.edges[: len(self.settled.edges)] if self.settled else []
-        experiments = self.shooting.responses.experiments
+        experiments = self.shooting.experiments
         first = [
             short_windows(experiment.measurement, cut[0], cut[-1])
             for experiment, cut in zip(experiments, edges, strict=False)
@@ -135,7 +130,7 @@ class Fitted:
     @property
     def keys(self) -> list[str]:
         """Keys of the values."""
-        return self.shooting.responses.keys
+        return self.shooting.keys
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -146,7 +141,7 @@ class Fitted:
     def relative_errors(self) -> dict[str, float]:
         """Relative standard error of each value by key, relative to `units_of`."""
         shares = self.standard_errors / units_of(self.shooting.unknowns, self.values)
-        return dict(zip(self.keys, map(float, shares), strict=True))
+        return self.shooting.known(shares)
 
     @property
     def nrmse(self) -> float:
@@ -156,26 +151,24 @@ class Fitted:
     @cached_property
     def sizes(self) -> dict[str, float]:
         """Sizes of unknowns from the fitted motion; for a response those of `first_sizes`."""
-        responses = self.shooting.responses
-        measurements = [experiment.measurement for experiment in responses.experiments]
+        length = self.shooting.length
+        measurements = [experiment.measurement for experiment in self.shooting.experiments]
         if isinstance(measurements[0], MeasuredResponse):
             return first_sizes(self.scene, measurements)
         paths = [self.shooting.states(self.fit, n) for n in range(len(measurements))]
-        reach = max(float(np.abs(path[:, 0]).max()) for path in paths) * responses.length
-        speed = max(float(np.std(path[:, 1])) for path in paths) * responses.length
+        reach = max(float(np.abs(path[:, 0]).max()) for path in paths) * length
+        speed = max(float(np.std(path[:, 1])) for path in paths) * length
         return sizes_of(self.scene, measurements, reach, speed)
 
     def extended(self, keys: Sequence[str]) -> tuple[Shooting, ShootingFit, Scene]:
         """The fit's problem with further unknowns that have no effect initially, and its scene."""
-        scene, free, responses = self.scene, self.keys, self.shooting.responses
-        experiments = responses.experiments
+        scene, free, experiments = self.scene, self.keys, self.shooting.experiments
         if DRAG in keys:
             # The scene omits a drag of 0, so it gets a small value.
             scene = scene.replace({DRAG: LITTLE * self.sizes[DRAG]})
         if powers := [power_of(key) for key in keys if power_of(key)]:
-            force = [k or 0.0 for k in scene.oscillator.coefficients]
-            force += [0.0] * (max(powers) + 1 - len(force))
-            spring = {"oscillator.restoring_force": force}
+            force = spring_coefficients(scene)
+            spring = {SPRING: [*force, *[0.0] * (max(powers) + 1 - len(force))]}
             scene, free = scene.replace(spring), as_coefficients(free)
             experiments = [
                 replace(experiment, scene=experiment.scene.replace(spring))
@@ -188,9 +181,8 @@ class Fitted:
             for unknown in unknowns(scene, keys, self.sizes)
         ]
         every = [*(unknown.begun(value) for unknown, value in old), *added]
-        responses = responses.replaced(experiments, [unknown.key for unknown in every])
-        fit = replace(self.fit, values=np.array([unknown.start for unknown in every]))
-        return self.shooting.beside(responses, every), fit, scene
+        problem = replace(self.shooting, experiments=experiments, unknowns=every)
+        return problem, replace(self.fit, values=problem.first), scene
 
 
 # Share of each record, from its beginning, that is fitted; the rest is validation data.
@@ -216,21 +208,9 @@ WEIGHTINGS = 3
 ORIGIN_ITERATIONS = 6
 
 
-def _lengths(records):
-    """Number of fitted samples of each record."""
-    return [int(FITTED_SHARE * record.acceleration.size) for record in records]
-
-
-def responses_of(
-    scene: Scene,
-    measurements: Sequence[Measurement | MeasuredResponse],
-    keys: Sequence[str],
-    length: float,
-    per_period: int,
-) -> Responses:
-    """The measurements as experiments with the scene."""
-    experiments = [experiment(scene, record, per_period) for record in measurements]
-    return Responses(experiments, keys, length, _interpolations(measurements)[0])
+def _fitted_samples(record):
+    """Number of fitted samples of a record."""
+    return int(FITTED_SHARE * record.acceleration.size)
 
 
 def _interpolations(measurements):
@@ -287,67 +267,66 @@ def fitted(
     if first is None and lines and (alone := times or swept * joint):
         # The first model, for records of one kind, has the scene's mass.
         first = fitted(scene, alone, [key for key in keys if key != MASS], sizes, None, follow)
-    length = first.shooting.responses.length if first else setting(scene).length
+    length = first.shooting.length if first else setting(scene).length
     parts: list[Any] = [*times, *(record.part(~record.aside) for record in lines)]
-    responses = responses_of(scene, parts, keys, length, FINE_STEPS)
     free = unknowns(scene, keys, sizes or first_sizes(scene, measurements))
+    experiments = [experiment(scene, record) for record in parts]
+    stateless = [np.zeros(3)] * len(parts)
+    problem = Shooting(experiments, free, length, _interpolations(parts)[0], stateless)
     if not lines:
-        coarse = responses_of(scene, times, keys, length, COARSE_STEPS)
-        shooting, starts = _in_time(scene, times, coarse, responses, free, warm, follow)
+        starts = _in_time(problem, scene, warm, follow)
     else:
-        shooting = Shooting(responses, free, [np.zeros(3)] * len(parts))
-        starts = _of_lines(shooting, first, scene, len(times), joint)
+        starts = _of_lines(problem, first, scene, len(times), joint)
         if times and not warm:
             # The first model, whose mass may be wrong, may have preferred another interpolation.
-            starts = [(path, start) for path in _interpolations(times) for _, start in starts]
+            starts = [
+                (replace(shooting, interpolation=path), start)
+                for path in _interpolations(times)
+                for shooting, start in starts
+            ]
     for weighting in range(1 + WEIGHTINGS * bool(lines)):
         fits = []
-        for interpolation, start in starts:
-            responses.interpolation = interpolation
+        for shooting, start in starts:
             fit = shooting.minimized(start, LAST, FINE)
             # Without noise in the records, a repeated fit may not improve: the last one is kept.
-            fits += [(interpolation, fit if fit.grams else start)] * bool(fit.grams or weighting)
+            if fit.grams or weighting:
+                fits.append((shooting, fit if fit.grams else start))
         if not fits:
             raise IdentificationError(
                 f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
                 "columns' units and signs, the load's resistance, that all records are of the same "
                 "device, and start from closer values (--set)"
             )
-        responses.interpolation, fit = min(fits, key=lambda pair: _misfit(pair[1]))
+        shooting, fit = min(fits, key=lambda pair: _misfit(pair[1]))
         # Fits are compared with the same noise level, from the residuals of the best fit.
         noise = shooting.reweighted(fit).noise
+        others = [pair for pair in fits if pair[0].interpolation != shooting.interpolation]
         starts = [
-            (path, replace(other, noise=noise))
-            for path, other in fits
-            if other is fit or path != responses.interpolation
+            (other, replace(trial, noise=noise)) for other, trial in [(shooting, fit), *others]
         ]
     # The base's path between the samples is unknown: if another interpolation fits equally well,
     # the difference between the fits is an error.
     alternatives = [
-        other.values - fit.values
-        for interpolation, other in fits
-        if interpolation != responses.interpolation and _misfit(other) - _misfit(fit) < RULED_OUT
+        trial.values - fit.values
+        for _, trial in others
+        if _misfit(trial) - _misfit(fit) < RULED_OUT
     ]
     covariance = sum((np.outer(d, d) for d in alternatives), intervals.covariance(shooting, fit))
-    records: list[Any] = []
-    settled = None
-    if times:
-        ends = [record.acceleration.size for record in times]
-        alone, windows = shooting.of_first(len(times), fit)
-        spans = list(zip(_lengths(times), ends, strict=True))
-        settled, alone = in_short_windows(alone, windows, spans), alone.frozen()
-        if alone.linearized(settled):
-            settled = followed(alone, settled)
-        records = [validated(alone, settled, number) for number in range(len(times))]
     aside = [experiment(scene, record.part(record.aside)) for record in lines]
-    held_out = responses.replaced([*responses.experiments[: len(times)], *aside], keys)
+    in_time = shooting.experiments[: len(times)]
+    held_out = replace(shooting, experiments=[*in_time, *aside], fixed=True)
+    spans = [(_fitted_samples(record), record.acceleration.size) for record in times]
+    settled: Any = in_short_windows(held_out, fit, spans) if times else None
+    if settled and held_out.linearized(settled):
+        settled = followed(held_out, settled)
+    records: list[Any] = [validated(held_out, settled, number) for number in range(len(times))]
     records += [predicted_lines(held_out, fit.values, len(times) + n) for n in range(len(lines))]
     return Fitted(_with_fit(scene, shooting, fit), shooting, fit, covariance, records, settled)
 
 
 def _with_fit(scene, shooting, fit):
     """Set a fit's values in the scene; raise IdentificationError if they are invalid."""
-    fitted_scene = with_values(scene, shooting.responses.keys, fit.values)
+    fitted_scene = with_values(scene, shooting.known(fit.values))
     if fitted_scene is None:
         raise IdentificationError(
             f"{scene.name}: the best-fitting values are invalid in the scene: check the columns' "
@@ -356,59 +335,54 @@ def _with_fit(scene, shooting, fit):
     base = fitted_scene.excitation
     if isinstance(base, RecordedMotion) and base.knot_spacing is None:
         # Later simulations with this record interpolate it as the fit does.
-        path = shooting.responses.interpolation
-        fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
+        fitted_scene = fitted_scene.replace({"excitation.interpolation": shooting.interpolation})
     return fitted_scene
 
 
-def _in_time(scene, times, coarse, fine, free, warm, follow):
-    """The problem of time records, and starts with the interpolation of each."""
+def _in_time(problem, scene, warm, follow):
+    """Starts of a fit to time records, with the problem of each."""
+    times = [record.measurement for record in problem.experiments]
+    coarse = [experiment(scene, record, COARSE_STEPS) for record in times]
     if warm:
-        coarse.interpolation = fine.interpolation = warm.interpolation
-        problem = _warmed(coarse, fine, free, warm)
+        # A related model has the interpolation of the model with which it is compared.
+        starts = _warmed(replace(problem, interpolation=warm.interpolation), coarse, warm)
     else:
-        problem = searched(coarse, free, _lengths(times), follow)
-    if problem is None:
-        return Shooting(fine, free, []), []
-    shooting, fit = problem
-    # A related model has the interpolation of the model with which it is compared.
-    starts = [(coarse.interpolation, fit)]
-    if not warm:
-        starts = [(coarse.interpolation, _recentred(shooting, fit, scene))]
+        begun = searched(
+            replace(problem, experiments=coarse), [*map(_fitted_samples, times)], follow
+        )
+        if begun is None:
+            return []
+        shooting, fit = begun[0], _recentred(*begun, scene)
+        starts = [(shooting, fit)]
         for other in _interpolations(times)[1:]:
-            starts += _otherwise(shooting, starts[0][1], other)
-    shooting.responses = fine
-    return shooting, starts
+            starts += _otherwise(shooting, fit, other)
+    return [(replace(shooting, experiments=problem.experiments), fit) for shooting, fit in starts]
 
 
-def _of_lines(shooting, first, scene, count, joint):
+def _of_lines(problem, first, scene, count, joint):
     """Starts of a fit to responses and impedances, and to time records if there are any."""
-    lines = _line_windows(shooting.responses.experiments[count:])
+    # A response or an impedance is one window without states.
+    sweeps = [experiment.measurement for experiment in problem.experiments[count:]]
+    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
+    lines = edges, [NO_STATES] * len(sweeps), [sweep.assumed_noise for sweep in sweeps]
     if first is None:
-        grid = (ShootingFit(values, *lines) for values in _grid(shooting, joint))
-        best = sorted(grid, key=shooting.cost)[:MOST_STARTS]
-        return [(INTERPOLATIONS[0], start) for start in best]
-    shooting.state_sizes[:count] = first.shooting.state_sizes[:count]
-    shooting.states_there[:count] = first.shooting.states_there[:count]
-    previous = dict(zip(first.keys, first.values, strict=True))
-    values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
+        grid = (ShootingFit(values, *lines) for values in _grid(problem, joint))
+        best = sorted(grid, key=problem.cost)[:MOST_STARTS]
+        return [(problem, start) for start in best]
+    sizes = [*first.shooting.state_sizes[:count], *problem.state_sizes[count:]]
+    problem = replace(problem, interpolation=first.interpolation, state_sizes=sizes)
+    previous = first.shooting.known(first.values)
+    values = np.array([previous.get(unknown.key, unknown.start) for unknown in problem.unknowns])
     old = first.fit.edges, first.fit.starts, first.fit.noise
     # Windows of time records are reused.
     windows: Any = [[*a[:count], *(b if joint else a)] for a, b in zip(old, lines, strict=True)]
     starts = [values]
     coupling = previous.get("piezo.coupling")
-    if joint and coupling and MASS in shooting.responses.keys and scene.transducer:
+    if joint and coupling and MASS in problem.keys and scene.transducer:
         # An impedance determines θ²/M; a voltage under a known acceleration determines θ.
         factor = (coupling / scene.transducer.coupling) ** 2
-        starts.append(_of_mass(shooting, values, factor, scene))
-    return [(first.interpolation, ShootingFit(values, *windows)) for values in starts]
-
-
-def _line_windows(experiments):
-    """Edges, starts and initial noise of responses and impedances: one stateless window each."""
-    sweeps = [experiment.measurement for experiment in experiments]
-    edges = [np.array([0, sweep.frequency.size]) for sweep in sweeps]
-    return edges, [NO_STATES] * len(edges), [sweep.assumed_noise for sweep in sweeps]
+        starts.append(_of_mass(problem, values, factor, scene))
+    return [(problem, ShootingFit(values, *windows)) for values in starts]
 
 
 def _of_mass(shooting, values, factor, scene):
@@ -424,33 +398,25 @@ def _of_mass(shooting, values, factor, scene):
 
 def _grid(shooting, is_known):
     """Values on a grid of factors, one for each kind of parameter; only the start if known."""
-    first = np.array([unknown.start for unknown in shooting.unknowns])
-    kinds = [
-        np.array([any(word in key for word in words) for key in shooting.responses.keys])
-        for words, _ in GRID
-    ]
-    grids = [
-        factors if members.any() and not is_known else (1.0,)
-        for members, (_, factors) in zip(kinds, GRID, strict=True)
-    ]
-    for factors in product(*grids):
-        values = first.copy()
-        for members, factor in zip(kinds, factors, strict=True):
-            values[members] *= factor
-        yield np.clip(values, shooting.low, shooting.high)
+    choices = []
+    for words, factors in GRID:
+        members = np.array([any(word in key for word in words) for key in shooting.keys])
+        tried = factors if members.any() and not is_known else (1.0,)
+        choices.append([np.where(members, factor, 1.0) for factor in tried])
+    for changes in product(*choices):
+        yield np.clip(shooting.first * np.prod(changes, axis=0), shooting.low, shooting.high)
 
 
-def _otherwise(shooting, fit, other):
+def _otherwise(shooting, fit, interpolation):
     """A list of the start with another interpolation; empty if no motion results."""
-    responses, begun = shooting.responses, split_windows(shooting, fit)
-    interpolation, responses.interpolation = responses.interpolation, other
-    trial = restarted(shooting, begun, fit.cost)
-    if trial:
-        # Both costs are compared with the same weights.
-        trial = replace(trial, noise=fit.noise)
-        trial.cost = shooting.cost(trial)
-    responses.interpolation = interpolation
-    return [(other, trial)] if trial and trial.cost < HOPELESS * fit.cost else []
+    other = replace(shooting, interpolation=interpolation)
+    trial = restarted(other, split_windows(shooting, fit), fit.cost)
+    if trial is None:
+        return []
+    # Both costs are compared with the same weights.
+    trial = replace(trial, noise=fit.noise)
+    trial.cost = other.cost(trial)
+    return [(other, trial)] if trial.cost < HOPELESS * fit.cost else []
 
 
 def _misfit(fit):
@@ -458,24 +424,23 @@ def _misfit(fit):
     return fit.cost + sum(states.size for states in fit.starts)
 
 
-def _warmed(coarse, fine, free, warm):
-    """A fit from a related model's values; with that model's windows if its residuals are noise,
+def _warmed(problem, coarse, warm):
+    """A start from a related model's values; with that model's windows if its residuals are noise,
     else with short windows.
     """
-    previous = dict(zip(warm.keys, warm.values, strict=True))
-    free = [unknown.begun(previous.get(unknown.key, unknown.start)) for unknown in free]
-    shooting = warm.shooting.beside(fine, free)
-    values = np.array([unknown.start for unknown in free])
-    rival, fit = warm.fit.cost, warm.fit
+    previous = warm.shooting.known(warm.values)
+    free = [unknown.begun(previous.get(unknown.key, unknown.start)) for unknown in problem.unknowns]
+    shooting = replace(problem, unknowns=free, state_sizes=warm.shooting.state_sizes)
+    fit, rival = warm.fit, warm.fit.cost
     if warm.explains:
-        begun = ShootingFit(values, fit.edges, fit.starts, fit.noise)
+        begun = ShootingFit(shooting.first, fit.edges, fit.starts, fit.noise)
         near = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if near.cost < HOPELESS * rival:
-            return shooting, near
-    begun = replace(split_windows(warm.shooting, fit), values=values)
-    shooting.responses = coarse
-    anew = restarted(shooting, begun, rival)
-    return (shooting, anew) if anew else None
+            return [(shooting, near)]
+    begun = replace(split_windows(warm.shooting, fit), values=shooting.first)
+    shooting = replace(shooting, experiments=coarse)
+    trial = restarted(shooting, begun, rival)
+    return [(shooting, trial)] if trial else []
 
 
 def _recentred(shooting, fit, scene):
@@ -485,17 +450,16 @@ def _recentred(shooting, fit, scene):
     for every d that leaves the constant force unchanged; the d nearest to the scene's spring is
     used.
     """
-    responses = shooting.responses
-    keys, original = responses.keys, scene.oscillator.restoring_force
-    outputs = [experiment.measurement.outputs for experiment in responses.experiments]
-    if original is None or any(FORCE.format(n) not in keys for n in range(1, len(original))):
+    original = scene.oscillator.restoring_force
+    outputs = {name for record in shooting.experiments for name in record.measurement.outputs}
+    indices = {power_of(key): number for number, key in enumerate(shooting.keys) if power_of(key)}
+    if original is None or not {*range(1, len(original))} <= {*indices}:
         return fit
-    if scene.stoppers or ORIGIN in keys or any("displacement" in o for o in outputs):
+    if scene.stoppers or ORIGIN in shooting.keys or "displacement" in outputs:
         return fit
-    force = np.array(
-        [original[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(original)))]
-    )
-    reach = responses.length * max(float(np.abs(states[:, 0]).max()) for states in fit.starts)
+    free = [indices[power] for power in range(1, len(original))]
+    force = np.array([original[0], *fit.values[free]])
+    reach = shooting.length * max(float(np.abs(states[:, 0]).max()) for states in fit.starts)
     shifts = [
         float(root.real)
         for root in np.polynomial.Polynomial([0.0, *force[1:]]).roots()
@@ -509,8 +473,7 @@ def _recentred(shooting, fit, scene):
     if abs(shift) < 1e-6 * reach:
         return fit
     values = fit.values.copy()
-    for n in range(1, len(original)):
-        values[keys.index(FORCE.format(n))] = moved[n]
-    starts = [states - [shift / responses.length, 0.0, 0.0] for states in fit.starts]
+    values[free] = moved[1:]
+    starts = [states - [shift / shooting.length, 0.0, 0.0] for states in fit.starts]
     trial = shooting.minimized(replace(fit, values=values, starts=starts), ORIGIN_ITERATIONS, 1e-9)
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit

@@ -1,40 +1,31 @@
-"""Identifiability: undetermined combinations of fitted values, and effects of assumed values.
+"""Identifiability: values that keep the scene's values, and effects of assumed values.
 
-A null direction of the Jacobian, with columns relative to the values, is a combination of values
-that the data do not determine. A sensor's gain, a load's resistance and the mass are assumed exact.
+A sensor's gain, a load's resistance and the mass are assumed exact.
 Adding the column of such an assumed value shows whether its error changes the residuals, and which
 fitted values compensate for it. One error at a time is examined.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.intervals import HALF_INTERVAL, normal_equations
-from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.unknowns import (
-    BASE_FACTOR,
-    BASE_SCALE,
-    LITTLE,
-    LOAD,
-    MASS,
-    factor_key,
+from harvester.identification.intervals import (
+    HALF_INTERVAL,
+    Undetermined,
+    normal_equations,
+    undetermined,
+    units_of,
 )
+from harvester.identification.measured_response import MeasuredImpedance
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, LOAD, MASS, factor_key
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.unknowns import Unknown
 
-# A value with a larger relative standard error is undetermined.
-UNDETERMINED = 0.5
-# A value belongs to an undetermined direction if its component exceeds this share of the largest
-# one.
-SHARE_OF_DIRECTION = 0.1
 # The data reveal an error of an assumed value if its relative standard error in a joint fit is
 # below this: an error of 3 % is then three standard errors.
 SEPARABLE = 0.01
@@ -44,32 +35,6 @@ DEPENDENT = 0.05
 # If a combination of values is undetermined, its first member in this list keeps the scene's value;
 # if it has none of them, the value with the largest component does.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
-
-
-@dataclass(frozen=True)
-class Undetermined:
-    """A direction in which values can change without effect on the data.
-
-    Attributes
-    ----------
-    keys : tuple of str
-        Keys of the values that change together.
-    powers : tuple of float
-        Exponents of the product of values that the data determine; empty for a single value.
-    """
-
-    keys: tuple[str, ...]
-    powers: tuple[float, ...]
-
-    def __str__(self) -> str:
-        names = [key.rpartition(".")[2] for key in self.keys]
-        if not self.powers:
-            return f"{names[0]} is not determined"
-        factors = [
-            name if power == 1.0 else f"{name}^{power:.3g}"
-            for name, power in zip(names, self.powers, strict=True)
-        ]
-        return f"{' and '.join(names)} are not determined separately, only {' · '.join(factors)}"
 
 
 @dataclass(frozen=True)
@@ -121,24 +86,6 @@ class Assumption:
         return f"{self.key} is assumed exact: +1 % changes {moved or 'no value'}; {change}"
 
 
-def undetermined(
-    unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
-) -> list[Undetermined]:
-    """Directions of relative values with too large standard errors."""
-    # A value that may be 0 is determined if its error is small compared with a change of order one.
-    keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
-    relative = covariance / np.outer(units, units)
-    spread, directions = np.linalg.eigh(relative)
-    unclear = []
-    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
-        direction = directions[:, k]
-        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
-        members = members[np.argsort(-np.abs(direction[members]))]
-        names = tuple(keys[n] for n in members)
-        unclear.append(Undetermined(names, _determined_powers(relative, members)))
-    return unclear
-
-
 def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
     """Keys to keep at the scene's values so that the records determine the others, with reasons.
 
@@ -157,32 +104,9 @@ def to_keep(fitted: Fitted) -> list[tuple[str, Undetermined]]:
     return fixed
 
 
-def _determined_powers(relative, members):
-    """Exponents of the product of the undetermined values that the records determine best."""
-    if members.size == 1:
-        return ()
-    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
-    best = directions[:, 0]
-    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
-
-
-def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
-    """Units of relative values: the value, or its size if it may be 0 and is small."""
-    sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
-    values = np.abs(values)
-    return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)
-
-
-def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[Assumption]:
-    """Assumed values whose error would change the fitted values.
-
-    Parameters
-    ----------
-    fitted : Fitted
-    suspected : sequence of str, optional
-        Keys; by default all sensors' gains, the loads' resistances and the mass.
-    """
-    assumed = _assumed_keys(fitted.shooting.responses, suspected)
+def assumptions(fitted: Fitted) -> list[Assumption]:
+    """Assumed values (sensors' gains, loads' resistances, the mass) and effects of their errors."""
+    assumed = _assumed_keys(fitted.shooting)
     if not assumed:
         return []
     problem, fit, _ = fitted.extended([factor_key(key, records) for key, records in assumed])
@@ -194,26 +118,24 @@ def assumptions(fitted: Fitted, suspected: Sequence[str] | None = None) -> list[
         alone = equations.of([*range(p), p + index])
         moves = -np.linalg.lstsq(alone.normal[:p, :p], alone.normal[:p, p], rcond=1e-13)[0]
         error = float(np.sqrt(max(alone.covariance[p, p], 0.0)))
-        by_key = dict(zip(fitted.keys, map(float, moves / units), strict=True))
-        names = tuple(problem.responses.experiments[n].measurement.name for n in records)
+        by_key = fitted.shooting.known(moves / units)
+        names = tuple(problem.experiments[n].measurement.name for n in records)
         result.append(Assumption(key, names, float(alone.step[p]), error, by_key))
     return result
 
 
-def _assumed_keys(responses, suspected):
+def _assumed_keys(shooting):
     """Keys of assumed values, with the numbers of the records that share an error."""
     shared: dict[tuple[str, float], list[int]] = {}
-    for number, experiment in enumerate(responses.experiments):
+    for number, experiment in enumerate(shooting.experiments):
         # An impedance has no moving base and no load, and its analyser is assumed exact.
         keys = [MASS]
         if not isinstance(experiment.measurement, MeasuredImpedance):
             gains = [f"sensor.{name}_scale" for name in experiment.measurement.sensed]
-            keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in responses.keys), MASS, LOAD]
+            keys = [*gains, *[BASE_SCALE] * (BASE_FACTOR not in shooting.keys), MASS, LOAD]
         values = numbers(experiment.scene)
         for key in keys:
-            if key in responses.keys or (suspected is not None and key not in suspected):
-                continue
-            if key in values or key.startswith("sensor."):
+            if key not in shooting.keys and (key in values or key.startswith("sensor.")):
                 # Resistors may differ between records; a sensor is the same in all records.
                 of = values[key][0] if key == LOAD else 0.0
                 shared.setdefault((key, of), []).append(number)

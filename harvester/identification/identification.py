@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,18 +11,12 @@ from harvester.base.formatting import Printed, span, value_and_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.drawing import draw, draw_posterior
-from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import interval
-from harvester.identification.response import FINE_STEPS
-from harvester.identification.rivals import Rival, proposed
+from harvester.identification.response import experiment
+from harvester.identification.rivals import Rival
 from harvester.identification.unknowns import BASE_FACTOR, factor_of
-from harvester.identification.validation_record import (
-    HALF_INTERVAL,
-    ResponseRecord,
-    ValidationRecord,
-    WholeRecord,
-)
-from harvester.identification.verdict import dependent, findings
+from harvester.identification.validation_record import HALF_INTERVAL, ResponseRecord
+from harvester.identification.verdict import FitEvidence
 from harvester.results.report import page_of
 from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.numbers import numbers
@@ -31,12 +24,10 @@ from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.identifiability import Undetermined
     from harvester.identification.impedance_fit import FromImpedance
-    from harvester.identification.kept_aside import Visited
+    from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
-    from harvester.identification.verdict import FitEvidence, FitVerdict
     from harvester.scene.model import Scene
 
 
@@ -46,9 +37,9 @@ CLAIMING = ("predicts", "fits")
 SENSOR_UNITS = {"delay": "s", "filter": "s", "highpass": "Hz", "highpass2": "Hz", "resistance": "Ω"}
 
 
-@dataclass(frozen=True, repr=False)
-class Identification(ResultBase):
-    """A scene identified from records.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Identification(FitEvidence, ResultBase):
+    """A scene identified from records, with the evidence for its verdict (`FitEvidence`).
 
     Attributes
     ----------
@@ -60,8 +51,6 @@ class Identification(ResultBase):
         Values, covariance, and predictions of the validation data.
     kept : list of (str, Undetermined)
         Keys that keep the scene's values, with the undetermined combinations.
-    evidence : FitEvidence
-        Validation records, rival models and other evidence for the verdict.
     seconds : float
         Wall-clock time (s).
     posterior : Posterior, optional
@@ -75,31 +64,9 @@ class Identification(ResultBase):
     measurements: list[Measurement]
     fitted: Fitted
     kept: list[tuple[str, Undetermined]]
-    evidence: FitEvidence
-    verdict: FitVerdict
     seconds: float
     posterior: Posterior | None = None
     impedance: FromImpedance | None = None
-
-    @property
-    def records(self) -> Sequence[ValidationRecord]:
-        """Validation data of the fitted measurements."""
-        return self.evidence.records
-
-    @property
-    def kept_aside(self) -> Sequence[WholeRecord]:
-        """Predictions of the measurements that were not fitted."""
-        return self.evidence.whole
-
-    @property
-    def rivals(self) -> Sequence[Rival]:
-        """All compared models, the scene's own first."""
-        return self.evidence.rivals
-
-    @property
-    def visited(self) -> Visited | None:
-        """Ranges covered by the records; None if there are only frequency responses."""
-        return self.evidence.visited
 
     @property
     def keys(self) -> list[str]:
@@ -109,12 +76,12 @@ class Identification(ResultBase):
     @property
     def values(self) -> dict[str, float]:
         """Identified values by key, in the scene's units."""
-        return dict(zip(self.keys, map(float, self.fitted.values), strict=True))
+        return self.fitted.shooting.known(self.fitted.values)
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Standard errors by key."""
-        return dict(zip(self.keys, map(float, self.fitted.standard_errors), strict=True))
+        return self.fitted.shooting.known(self.fitted.standard_errors)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -130,17 +97,7 @@ class Identification(ResultBase):
     @property
     def undetermined(self) -> set[str]:
         """Keys whose values the records do not determine."""
-        return {key for direction in self.fitted.undetermined for key in direction.keys}
-
-    @property
-    def dependent(self) -> dict[str, list[str]]:
-        """Assumed values on whose accuracy identified values depend, by key."""
-        return dependent(self.evidence)
-
-    @property
-    def proposed(self) -> Rival:
-        """The simplest model that predicts as well as the best model whose residuals are noise."""
-        return proposed(self.rivals)
+        return self.fitted.undetermined_keys
 
     def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
         """Simulate sensor signals under another record's acceleration, with the device initially at
@@ -156,13 +113,12 @@ class Identification(ResultBase):
         dict of str to ndarray, shape (n,)
             Signals by the output's name.
         """
-        reference = self.fitted.shooting.responses
-        responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
-        responses.interpolation = self.fitted.interpolation
-        system, _ = responses.at(0, self.fitted.values).known_device
+        problem = replace(self.fitted.shooting, experiments=[experiment(self.scene, measurement)])
+        trial = problem.at(0, self.fitted.values)
+        system, _ = trial.known_device
         start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
-        _, _, outputs = responses.states(0, self.fitted.values, edges, start)
+        _, _, outputs = trial.states(edges, start)
         return dict(zip(measurement.outputs, outputs.T, strict=True))
 
     def view(self) -> View:
@@ -181,23 +137,23 @@ class Identification(ResultBase):
 
     def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval and unit."""
-        header, rows = ["parameter", "value ± 95 % interval", "unit", "state"], self._rows()
+        rows = self._rows(self.fitted)
+        header = ["parameter", "value ± 95 % interval", "unit", "state"]
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
                 row.append(span(low, high, "", 6))
         return header, rows
 
-    def _rows(self, rival=None):
+    def _rows(self, model):
         """Name, value with half its interval, unit and state of each value of a model."""
-        model, rows = rival or self.fitted, []
-        unclear = {key for direction in model.undetermined for key in direction.keys}
+        rows = []
         for key, value, error in zip(model.keys, model.values, model.standard_errors, strict=True):
             if factor_of(key):
                 continue
             printed = value_and_error(value, HALF_INTERVAL * error)
-            state = "identified" if rival else self._state(key)
-            if key in unclear:
+            state = self._state(key) if model is self.fitted else "identified"
+            if key in model.undetermined_keys:
                 printed, state = Printed("undetermined", value), "undetermined"
             rows.append([key, printed, self._unit(key), state])
         return rows
@@ -233,13 +189,11 @@ class Identification(ResultBase):
         if self.impedance:
             lines += self.impedance.findings(self.fitted)
         lines += [
-            f"{record.name}: {remark}"
-            for record in self.measurements
-            for remark in getattr(record, "remarks", ())
+            f"{record.name}: {remark}" for record in self.measurements for remark in record.remarks
         ]
         lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} keeps the scene's value" for key, unclear in self.kept]
-        lines += findings(self.evidence)
+        lines += self.evidence()
         if self.proposed is not self.rivals[0]:
             lines += [
                 f"proposed: free {' = '.join(row[:2])} (--free {row[0]})"
@@ -274,58 +228,39 @@ class Identification(ResultBase):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        names = ("scene", "start", "verdict", "keys", "covariance", "visited", "assumptions",
+                 "posterior", "seconds")  # fmt: skip
         white = self.records[0].whiteness()
+        more = {"impedance": self.impedance.parameters(self.fitted)} if self.impedance else {}
         return plain(
             {
-                "scene": self.scene,
-                "start": self.start,
-                "verdict": self.verdict,
+                **{name: getattr(self, name) for name in names},
                 "parameters": {
                     key: {
                         "value": value,
-                        "standard_error": self.standard_errors[key],
-                        "interval": self.intervals[key],
-                        "determined": self._state(key) in ("identified", "extrapolated"),
-                        "state": self._state(key),
+                        "standard_error": error,
+                        "interval": interval,
+                        "determined": state in ("identified", "extrapolated"),
+                        "state": state,
                     }
-                    for key, value in self.values.items()
+                    for key, state, value, error, *interval in self._records()[1]
                 },
-                "keys": self.keys,
-                "covariance": self.covariance,
                 "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
-                "records": [_record(record) for record in self.records],
+                "kept_aside": [record.to_dict() for record in self.kept_aside],
+                "records": [record.to_dict() for record in self.records],
                 "misfits": [
                     {"record": record.name, **part._asdict()}
                     for record in self.records
                     for part in record.unexplained
                 ],
-                "spring_shape": self.evidence.spring and self.evidence.spring._asdict(),
-                "assumptions": list(self.evidence.assumptions),
-                "visited": self.visited,
-                "kept_aside": [record.to_dict() for record in self.kept_aside],
+                "spring_shape": self.spring and self.spring._asdict(),
                 "residuals_white": white.white,
                 "whiteness_probability": white.probability,
-                "candidates": [
-                    {
-                        "model": rival.name,
-                        "log_ratio_of_mean_squares": rival.better,
-                        "standard_error": rival.error,
-                        "leaves_only_noise": rival.explains,
-                        "remark": rival.remark,
-                        **{
-                            name: getattr(rival.fitted, name)
-                            for name in ("keys", "values", "nrmse")
-                            if rival.fitted
-                        },
-                    }
-                    for rival in self.rivals
-                ],
+                "candidates": [rival.to_dict() for rival in self.rivals],
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
-                "posterior": self.posterior,
-                **({"impedance": self.impedance.parameters(self.fitted)} if self.impedance else {}),
-                "seconds": self.seconds,
+                **more,
             }
         )
 
@@ -335,7 +270,7 @@ class Identification(ResultBase):
         The head contains the verdict, the table and the findings. `rival`: another model than the
         fitted one.
         """
-        model = rival.fitted if rival and rival.fitted else self.fitted
+        model = rival.fitted if rival else self.fitted
         errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
         comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
         for key, assumed in self.dependent.items():
@@ -343,11 +278,10 @@ class Identification(ResultBase):
                 comments[key] += f", if {_condition(assumed)}"
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; only as accurate as the accelerometer's scale"
-        for direction in model.undetermined:
-            comments |= {key: "not determined by the records" for key in direction.keys}
+        comments |= dict.fromkeys(model.undetermined_keys, "not determined by the records")
         names = ", ".join(record.name for record in self.measurements)
         path = f'Between samples of a record: interpolation = "{model.interpolation}".'
-        rows = ["; ".join(filter(None, row)) for row in self._rows(rival and rival.fitted)]
+        rows = ["; ".join(filter(None, row)) for row in self._rows(model)]
         heading = [self.verdict.sentence, f"Identified from {names}.", *rows, *self._findings()]
         return scene_text(model.scene, comments, [*heading, path])
 
@@ -369,19 +303,3 @@ def _condition(assumed):
 
 def _counted(count, noun):
     return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
-def _record(record):
-    names = ("measured", "predicted", "relative_difference", "free")
-    return {
-        "name": record.name,
-        "outputs": record.outputs,
-        "nrmse": {name: record.nrmse(n) for n, name in enumerate(record.outputs)},
-        "sensor_noise": {name: record.noise(n) for n, name in enumerate(record.outputs)},
-        "windows": record.windows,
-        "compared": record.compared[0],
-        **{
-            name: {"estimate": estimate.estimate, "standard_error": estimate.standard_error}
-            for name, estimate in zip(names, (*record.powers(), record.free_power()), strict=True)
-        },
-    }

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from harvester.base.arguments import listed
-from harvester.base.errors import IdentificationError
-from harvester.base.plain_text import shown
-from harvester.base.signatures import Kind
-from harvester.identification.record_options import Impedance, KeptRecords, Keys, Records
+from harvester.base.errors import HarvesterError, IdentificationError
+from harvester.base.numbers import number
+from harvester.base.plain_text import named, shown
+from harvester.base.signatures import Kind, pair_of
 from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
-    from harvester.identification.identifiability import Undetermined
     from harvester.identification.identification import Identification
+    from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -26,6 +28,60 @@ if TYPE_CHECKING:
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Share of the remaining work for each rival model.
 RIVAL_SHARE = 0.1
+
+
+def files_of(words: list[str]) -> list[tuple[str, dict[str, Any]]]:
+    """Parse files with their settings: words with = belong to the preceding file."""
+    files: list[tuple[str, dict[str, Any]]] = []
+    for word in words:
+        if not files or "=" not in word:
+            files.append((word, {}))
+            continue
+        name, value = pair_of(str)(word)
+        if not name:
+            raise ValueError(word)
+        # Keys of the scene take numbers, columns take names.
+        settings = files[-1][1]
+        settings[name] = value
+        with contextlib.suppress(ValueError):
+            settings[name] = number(value) if "." in name else value
+    return files
+
+
+def together(lists: list[list[Any]], option: str) -> list[Any]:
+    return [item for items in lists for item in items]
+
+
+def records_of(lists: list[list[Any]], option: str) -> list[tuple[str, dict[str, Any]]]:
+    """Files with their settings; raise HarvesterError if one is given twice."""
+    seen: list[tuple[str, dict[str, Any]]] = []
+    for file, settings in together(lists, option):
+        # A file may have several names, such as shaker.csv, ./shaker.csv and a link.
+        record = (os.path.realpath(file), settings)
+        if record in seen:
+            raise HarvesterError(
+                f"{option} {named(file)}: is given twice with the same settings, but each record "
+                "counts once: remove one"
+            )
+        seen.append(record)
+    return together(lists, option)
+
+
+def one_record_of(lists: list[list[Any]], option: str) -> tuple[str, dict[str, Any]]:
+    """One file with its settings; raise HarvesterError if there are several."""
+    record, *further = together(lists, option)
+    if further:
+        raise HarvesterError(
+            f"{option} {named(further[0][0])}: give only one file, with NAME=VALUE"
+        )
+    return record
+
+
+_FILE = Kind("FILE [SETTING=VALUE]", "written as FILE NAME=VALUE", read=files_of, words=True)
+Records = Annotated[Any, replace(_FILE, option="record", join=records_of)]
+KeptRecords = Annotated[Any, replace(_FILE, option="keep-aside", join=records_of)]
+Keys = Annotated[Sequence[str], Kind("TABLE.KEY", read=list, join=together, words=True)]
+Impedance = Annotated[Any, replace(_FILE, join=one_record_of)]
 
 
 @takes_scene
@@ -108,7 +164,6 @@ def identify(
     from harvester.identification.measured_response import MeasuredImpedance, read_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.unknowns import MASS, checked_keys, default_keys
-    from harvester.identification.verdict import FitEvidence, verdict
 
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions, so the drawing is removed.
@@ -148,14 +203,14 @@ def identify(
     try:
         base, fixed = _determined(begun, measurements, keys, free is None, stages)
     except IdentificationError as error:
-        remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
+        remarks = [remark for record in measurements for remark in record.remarks]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     stages.begin(MODELS_BEGIN, MODELS_BEGIN, "other models")
     narrow = base
     if base.settled and not base.explains:
         moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = replace(base, covariance=base.covariance + moved)
-    models = [rivals.Rival("as given", base, explains=base.explains)]
+    models = [rivals.Rival("as given", base)]
 
     def report(name: str) -> None:
         # The number of rivals is unknown in advance: each gets a share of the remaining work.
@@ -166,17 +221,7 @@ def identify(
         models = rivals.rival_models(models[0], measurements, scene, keys, report)
     stages.begin(POSTERIOR_BEGINS, 1.0, "validation records")
     where = visited(base)
-    evidence = FitEvidence(
-        records=base.records,
-        rivals=models,
-        spring=rivals.next_power(base) if base.explains else None,
-        errors=base.relative_errors,
-        assumptions=assumptions(base) if base.explains else [],
-        whole=kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
-        if where
-        else [],
-        visited=where,
-    )
+    predicted = where and kept_aside(narrow, aside, where, base.records, scene.run.seed, stages)
     stages.begin(POSTERIOR_BEGINS, 1.0, "posterior" if posterior else "verdict")
     return Identification(
         scene=base.scene,
@@ -184,8 +229,13 @@ def identify(
         measurements=measurements,
         fitted=base,
         kept=fixed,
-        evidence=evidence,
-        verdict=verdict(evidence),
+        records=base.records,
+        rivals=models,
+        spring=rivals.next_power(base) if base.explains else None,
+        errors=base.relative_errors,
+        assumptions=assumptions(base) if base.explains else [],
+        kept_aside=predicted or [],
+        visited=where,
         posterior=posterior_of(base, scene.run.seed, stages) if posterior else None,
         impedance=analysed,
         seconds=time.perf_counter() - clock,

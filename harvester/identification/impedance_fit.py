@@ -58,36 +58,42 @@ class ButterworthVanDyke:
     ----------
     parameters : ndarray, shape (2 + 3 modes,)
         ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by ascending fs.
+    cost : float
+        Sum of squares of the residuals of ln Z.
     loss_error : float
         Standard error of tan δ.
     """
 
     parameters: np.ndarray
+    cost: float
     loss_error: float
 
     @property
-    def modes(self) -> int:
-        """Number of modes."""
-        return (self.parameters.size - 2) // 3
+    def loss(self) -> float:
+        """Loss tangent tan δ."""
+        return float(self.parameters[1])
 
     @cached_property
-    def resonances(self) -> np.ndarray:
-        """Series resonance fs of each mode (Hz)."""
-        return np.exp(self.parameters[2::3])
+    def modes(self) -> np.ndarray:
+        """Series resonance fs (Hz), Q and motional capacitance Cm (F), shape (modes, 3)."""
+        return np.exp(self.parameters[2:].reshape(-1, 3))
 
     def numbers(self, mode: int) -> dict[str, float]:
-        """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
+        """The numbers of one mode, by name.
 
         Cp is the capacitance in parallel with the mode: C0 and the capacitances of higher modes,
-        which respond quasi-statically. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
+        which respond quasi-statically.
         """
-        resonance, quality, motional = np.exp(self.parameters[2 + 3 * mode : 5 + 3 * mode])
-        above = np.exp(self.parameters[4 + 3 * (mode + 1) :: 3]).sum()
-        clamped = math.exp(self.parameters[0]) + above
-        parallel = resonance * math.sqrt(1.0 + motional / clamped)
-        factor = motional / (motional + clamped)
-        values = resonance, parallel, clamped, factor, quality, self.parameters[1]
-        return dict(zip(NUMBERS, map(float, values), strict=True))
+        clamped = math.exp(self.parameters[0]) + self.modes[mode + 1 :, 2].sum()
+        resonance, quality, motional = self.modes[mode]
+        return _numbers(resonance, quality, motional, clamped, self.loss)
+
+
+def _numbers(resonance, quality, motional, clamped, loss):
+    """fs, fp, Cp, k², Q and tan δ: fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm)."""
+    parallel = resonance * math.sqrt(1.0 + motional / clamped)
+    values = resonance, parallel, clamped, motional / (motional + clamped), quality, loss
+    return dict(zip(NUMBERS, map(float, values), strict=True))
 
 
 def _branches(frequency, parameters):
@@ -121,31 +127,27 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     IdentificationError
         The impedance shows no resonance.
     """
-    parameters, remaining_cost, error = _polished(
-        frequency, impedance, _linear(frequency, impedance, [])
-    )
+    circuit = _polished(frequency, impedance, _linear(frequency, impedance, []))
     samples = 2 * frequency.size
     for _ in range(MOST_MODES):
-        begun = _with_another(frequency, impedance, parameters)
-        trial, remaining, trial_error = _polished(frequency, impedance, begun)
-        gained = samples * math.log(remaining_cost / max(remaining, 1e-300))
-        shapes = np.exp(trial[2:].reshape(-1, 3))
-        inside = (shapes[:, 0] > frequency[0]) & (shapes[:, 0] < frequency[-1])
+        trial = _polished(frequency, impedance, _with_another(frequency, impedance, circuit))
+        gained = samples * math.log(circuit.cost / max(trial.cost, 1e-300))
+        resonances, qualities, _ = trial.modes.T
+        inside = (resonances > frequency[0]) & (resonances < frequency[-1])
         if gained < SURE_OF_MODE + 3.0 * math.log(samples) or not inside.all():
             break
-        if (shapes[:, 1] < LOWEST_QUALITY).any():
+        if (qualities < LOWEST_QUALITY).any():
             break
-        parameters, remaining_cost, error = trial, remaining, trial_error
-    if parameters.size == 2:
+        circuit = trial
+    if not circuit.modes.size:
         raise IdentificationError(
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
-            f"impedance fits a capacitance of {math.exp(parameters[0]):.3g} F with tan δ = "
-            f"{parameters[1]:.2g}, with a relative error of "
-            f"{math.sqrt(remaining_cost / frequency.size):.2g}: "
-            "measure around the device's resonance, with its base clamped and its electrodes "
-            "connected"
+            f"impedance fits a capacitance of {math.exp(circuit.parameters[0]):.3g} F with tan δ = "
+            f"{circuit.loss:.2g}, with a relative error of "
+            f"{math.sqrt(circuit.cost / frequency.size):.2g}: measure around the device's "
+            "resonance, with its base clamped and its electrodes connected"
         )
-    return ButterworthVanDyke(parameters, error)
+    return circuit
 
 
 def _equations(frequency, impedance, shapes):
@@ -174,9 +176,9 @@ def _stacked(table):
     return np.concatenate([table.real, table.imag])
 
 
-def _with_another(frequency, impedance, parameters):
+def _with_another(frequency, impedance, circuit):
     """Parameters with the additional mode that reduces the relative error of Y most."""
-    shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
+    shapes = circuit.modes[:, :2].tolist()
     table, target = _equations(frequency, impedance, shapes)
     basis, _ = np.linalg.qr(table)
     target = target - basis @ (basis.T @ target)
@@ -193,18 +195,11 @@ def _with_another(frequency, impedance, parameters):
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
             most, best = float(gains.max()), (float(candidates[gains.argmax()]), float(quality))
-    begun = _linear(frequency, impedance, [*shapes, best])
-    return _by_frequency(begun)
-
-
-def _by_frequency(parameters):
-    """Parameters with the modes sorted by resonance frequency."""
-    order = np.argsort(parameters[2::3])
-    return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
+    return _linear(frequency, impedance, sorted([*shapes, list(best)]))
 
 
 def _polished(frequency, impedance, begun):
-    """Parameters, sum of squares and error of tan δ, of the fit of ln Z from a start."""
+    """The circuit that fits ln Z best, from a start."""
 
     def residuals(parameters):
         admittance = _branches(frequency, np.clip(parameters, -700.0, 700.0)).sum(axis=1)
@@ -214,10 +209,12 @@ def _polished(frequency, impedance, begun):
         try:
             solution = least_squares(residuals, begun, method="lm", xtol=1e-12, ftol=1e-12)
         except ValueError:
-            return begun, math.inf, math.inf
+            return ButterworthVanDyke(begun, math.inf, math.inf)
     squares, free = float(2.0 * solution.cost), max(2 * frequency.size - begun.size, 1)
     variance = np.linalg.pinv(solution.jac.T @ solution.jac)[1, 1] * squares / free
-    return _by_frequency(solution.x), squares, math.sqrt(max(variance, 0.0))
+    modes = sorted(solution.x[2:].reshape(-1, 3).tolist())
+    parameters = np.concatenate([solution.x[:2], *modes])
+    return ButterworthVanDyke(parameters, squares, math.sqrt(max(variance, 0.0)))
 
 
 def _check_width(frequency, circuit, mode, where):
@@ -268,23 +265,22 @@ class FromImpedance:
 
     def parameters(self, fitted: Fitted) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k² and Q of the fitted device, tan δ of the circuit, with 95 % intervals."""
-        responses = fitted.shooting.responses
         # Impedances follow all other measurements.
-        last = len(responses.experiments) - 1
+        last = len(fitted.shooting.experiments) - 1
 
         def numbers_of(values):
-            trial = responses.at(last, values)
+            trial = fitted.shooting.at(last, values)
             system, _ = trial.known_device
-            square, piezo = float(system.spring.slope(timescales.rest(system))), system.transducer
-            rate, share = math.sqrt(square), piezo.coupling / (piezo.coupling + square)
-            resonance = rate / (2.0 * math.pi)
-            parallel, quality = resonance / math.sqrt(1.0 - share), rate / system.damper.damping
-            return np.array([resonance, parallel, trial.capacitance, share, quality])
+            square, clamped = float(system.spring.slope(timescales.rest(system))), trial.capacitance
+            rate, motional = math.sqrt(square), clamped * system.transducer.coupling / square
+            quality = rate / system.damper.damping
+            parts = _numbers(rate / (2.0 * math.pi), quality, motional, clamped, self.circuit.loss)
+            return np.array([*parts.values()])
 
         slopes = approx_fprime(fitted.values, numbers_of, 1e-6 * np.abs(fitted.values))
         variances = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
-        values = [*numbers_of(fitted.values), self.circuit.parameters[1]]
-        errors = [*np.sqrt(variances), self.circuit.loss_error]
+        variances[-1] = self.circuit.loss_error**2
+        pairs = zip(numbers_of(fitted.values), np.sqrt(variances), strict=True)
         return {
             name: {
                 "value": float(value),
@@ -292,20 +288,19 @@ class FromImpedance:
                 "interval": interval(float(value), float(error)),
                 "unit": NUMBERS[name],
             }
-            for name, value, error in zip(NUMBERS, values, errors, strict=True)
+            for name, (value, error) in zip(NUMBERS, pairs, strict=True)
         }
 
     def findings(self, fitted: Fitted) -> list[str]:
         """The device's numbers, the circuit's other modes, and undetermined values."""
         lines = [f"{self.measured.name}: {_in_words(self.parameters(fitted))}"]
-        for mode in range(self.circuit.modes):
-            if mode != self.mode:
-                other = self.circuit.numbers(mode)
-                lines.append(
-                    f"{self.measured.name}: another mode at {other['series_resonance']:.5g} Hz, Q "
-                    f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is not in "
-                    "the scene; the capacitance of higher modes is part of Cp"
-                )
+        others = [n for n in range(len(self.circuit.modes)) if n != self.mode]
+        lines += [
+            f"{self.measured.name}: another mode at {other['series_resonance']:.5g} Hz, Q "
+            f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is not in the scene; the "
+            "capacitance of higher modes is part of Cp"
+            for other in map(self.circuit.numbers, others)
+        ]
         if MASS not in fitted.keys:
             lines.append(
                 "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
@@ -339,14 +334,14 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
             f"{scene.name}: an impedance needs a piezo in SI units: give the scene units = "
             '"SI" and a table [piezo]'
         )
-    measured.check()
+    measured.check_size()
     lines = ~measured.aside
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system
     resting = float(system.spring.slope(timescales.rest(system)))
     # The scene describes the circuit's mode with the nearest frequency, by ratio.
     frequency = math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi)
-    mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
+    mode = int(np.argmin(np.abs(np.log(circuit.modes[:, 0] / frequency))))
     branch = circuit.numbers(mode)
     _check_capacitance(scene, branch["capacitance"], measured.name)
     _check_width(measured.frequency[lines], circuit, mode, measured.name)

@@ -13,6 +13,9 @@ white noise is added to the acceleration and passed through the model in the fit
 power is the record's noise floor, limited by the residuals' spectrum without the outputs' white
 noise (Whittle likelihood). Before the comparison, the part that windows' starts and values explain
 is removed from both noises and the residuals: short windows absorb noise in the motion's band.
+
+An eigenvector of the relative covariance with a large eigenvalue is a combination of values that
+the data do not determine.
 """
 
 from __future__ import annotations
@@ -24,8 +27,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.response import Experiment, SteadyExperiment
-from harvester.identification.shooting import without_states
+from harvester.identification.sensors import without_states
+from harvester.identification.unknowns import LITTLE
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     autocorrelations,
@@ -35,6 +38,7 @@ from harvester.statistics.batch_means import student_factor
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Shooting, ShootingFit
+    from harvester.identification.unknowns import Unknown
 
 # Maximum change of a value if one record is omitted, in units of the value's size.
 MOST_MOVED = 10.0
@@ -129,7 +133,7 @@ def normal_equations(
     meats = []
     for number, (columns, states, residuals) in enumerate(parts):
         residuals = residuals + columns @ step
-        if isinstance(shooting.responses.experiments[number], SteadyExperiment):
+        if shooting.experiments[number].is_steady:
             # Lines of a response or an impedance are few, and their residuals mostly white.
             free = max(residuals.shape[0] - columns.shape[-1] / residuals.shape[1], 1.0)
             sizes = [float(part @ part) / free * correlation_factor(part) for part in residuals.T]
@@ -178,9 +182,11 @@ def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.n
     p = len(shooting.unknowns)
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
-    normal, gradient = shooting.reduced(fit)
+    normal, gradient, _ = shooting.reduced(fit)
     systems = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
-    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
+    moves = (
+        np.array([-_inverse(normal - n) @ (gradient - g) for n, g, _ in systems]) * shooting.sizes
+    )
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
     return student_factor(records - 1) ** 2 * (records - 1) / records * moves.T @ moves
@@ -229,12 +235,10 @@ def _inverse(normal):
 def _covariance_of_scores(shooting, fit, number, states, residuals, columns, inverse):
     """Covariance of one experiment's scores Jᵀ r, shape (columns, columns).
 
-    It is zero without a recorded base motion. `states`: the residuals' derivatives by the windows'
+    `states`: the residuals' derivatives by the windows'
     starts; `columns`: the derivatives by the values, without the part that the windows' starts
     explain; `inverse`: inverse of the normal matrix of all experiments.
     """
-    if not isinstance(shooting.responses.experiments[number], Experiment):
-        return np.zeros((columns.shape[-1], columns.shape[-1]))
     random, (samples, outputs) = np.random.default_rng(0), residuals.shape
     drawn = np.zeros((samples, outputs, 1 + outputs, DRAWS))
     drawn[:, :, 0] = drawn_base_noise(shooting, fit, number, random, DRAWS)
@@ -271,3 +275,70 @@ def _sizes(residuals, drawn):
     error = math.sqrt(max(_inverse(weighted.T @ weighted)[0, 0], 0.0)) if parts[:, 0].any() else 0.0
     share = sizes[0] if sizes[0] - SURE_OF_SHARE * error > 1.0 else 1.0
     return min(share, sizes[0] + SURE_OF_SHARE * error), sizes[1:]
+
+
+# A value with a larger relative standard error is undetermined.
+UNDETERMINED = 0.5
+# A value belongs to an undetermined direction if its component exceeds this share of the largest
+# one.
+SHARE_OF_DIRECTION = 0.1
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A direction in which values can change without effect on the data.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Keys of the values that change together.
+    powers : tuple of float
+        Exponents of the product of values that the data determine; empty for a single value.
+    """
+
+    keys: tuple[str, ...]
+    powers: tuple[float, ...]
+
+    def __str__(self) -> str:
+        names = [key.rpartition(".")[2] for key in self.keys]
+        if not self.powers:
+            return f"{names[0]} is not determined"
+        factors = [
+            name if power == 1.0 else f"{name}^{power:.3g}"
+            for name, power in zip(names, self.powers, strict=True)
+        ]
+        return f"{' and '.join(names)} are not determined separately, only {' · '.join(factors)}"
+
+
+def undetermined(
+    unknowns: Sequence[Unknown], values: np.ndarray, covariance: np.ndarray
+) -> list[Undetermined]:
+    """Directions of relative values with too large standard errors."""
+    # A value that may be 0 is determined if its error is small compared with a change of order one.
+    keys, units = [unknown.key for unknown in unknowns], units_of(unknowns, values, share=1.0)
+    relative = covariance / np.outer(units, units)
+    spread, directions = np.linalg.eigh(relative)
+    unclear = []
+    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
+        direction = directions[:, k]
+        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
+        members = members[np.argsort(-np.abs(direction[members]))]
+        names = tuple(keys[n] for n in members)
+        unclear.append(Undetermined(names, _determined_powers(relative, members)))
+    return unclear
+
+
+def _determined_powers(relative, members):
+    """Exponents of the product of the undetermined values that the records determine best."""
+    if members.size == 1:
+        return ()
+    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
+    best = directions[:, 0]
+    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
+
+
+def units_of(unknowns: Sequence[Unknown], values: np.ndarray, share: float = 1e-3) -> np.ndarray:
+    """Units of relative values: the value, or its size if it may be 0 and is small."""
+    sizes, low = (np.array([getattr(u, name) for u in unknowns]) for name in ("size", "low"))
+    values = np.abs(values)
+    return np.where((low > LITTLE * sizes) | (values > share * sizes), values, sizes)

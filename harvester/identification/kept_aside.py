@@ -30,9 +30,10 @@ from harvester.identification.search import (
     ON_THE_WAY,
     followed,
     in_short_windows,
+    reach_of,
 )
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import ShootingFit, reach_of
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.validation_record import WholeRecord, prediction, root_mean_square
 from harvester.scene.units import load_resistance
@@ -43,7 +44,7 @@ from harvester.statistics.estimate import Estimate
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses
+    from harvester.identification.shooting import Shooting
     from harvester.identification.validation_record import ValidationRecord
 
 # Number of sets of values in addition to the fitted one, and maximum number of draws to find them.
@@ -118,15 +119,15 @@ class Visited:
             f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
 
-    def excludes(self, responses: Responses, x: np.ndarray) -> str:
-        """Reason why a run (scaled displacements) of the only record in `responses` is outside
+    def excludes(self, problem: Shooting, x: np.ndarray) -> str:
+        """Reason why a run (scaled displacements) of the only record in `problem` is outside
         these ranges; else empty.
         """
         low, high = self.reach
-        x = x * responses.length
+        x = x * problem.length
         if x.min() < low or x.max() > high:
             return "the run exceeds the covered displacements"
-        record = responses.experiments[0]
+        record = problem.experiments[0]
         load = _load(record.scene)
         if not (1.0 - BEYOND) * min(self.loads) <= load <= (1.0 + BEYOND) * max(self.loads):
             return "its load is outside the covered range"
@@ -149,20 +150,21 @@ def visited(fitted: Fitted) -> Visited | None:
     """The ranges covered by a fit's records; None if there are only frequency responses."""
     if fitted.settled is None:
         return None
-    responses = fitted.shooting.responses
-    displacement: list[tuple[float, float]] = []
-    velocity: list[tuple[float, float]] = []
+    shooting = fitted.shooting
     # Time records come first; sweeps and impedances contain only small motion.
-    experiments = responses.experiments[: len(fitted.settled.edges)]
-    for number in range(len(experiments)):
-        states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
-        for intervals, column in ((displacement, 0), (velocity, 1)):
-            values = np.concatenate([path[:, column] for path in states]) * responses.length
-            intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
-    system, scales = responses.at(0, fitted.values).known_device
+    experiments = shooting.experiments[: len(fitted.settled.edges)]
+    fits = fitted.fit, fitted.settled
+    paths = [
+        shooting.length * np.concatenate([shooting.states(fit, number) for fit in fits])
+        for number in range(len(experiments))
+    ]
+    ranges, velocity = (
+        tuple((float(np.nanmin(path[:, k])), float(np.nanmax(path[:, k]))) for path in paths)
+        for k in (0, 1)
+    )
+    system, scales = shooting.at(0, fitted.values).known_device
     si = fitted.scene.units == "SI"
     loads = {_load(experiment.scene) for experiment in experiments}
-    ranges = tuple(displacement)
     spring: tuple[str, ...] = ()
     if not _inside(ranges, 0.0):
         spring = tuple(k for k in fitted.keys if k.rpartition(".")[2].startswith(SPRING))
@@ -172,7 +174,7 @@ def visited(fitted: Fitted) -> Visited | None:
         outside = (f"the spring about x = 0 ({names})", *outside)
     return Visited(
         displacement=ranges,
-        velocity=tuple(velocity),
+        velocity=velocity,
         frequency=band(experiment.measurement for experiment in experiments),
         loads=tuple(sorted(loads)),
         extrapolated=outside,
@@ -190,13 +192,17 @@ def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
     """Frequencies between which the base has most of its power, over all records (Hz)."""
     ends = []
     for record in measurements:
-        values = record.acceleration - record.acceleration.mean()
-        power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
-        gathered = np.cumsum(power)
+        gathered = np.cumsum(_power_of_base(record))
         indices = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
-        frequencies = np.fft.rfftfreq(values.size, 1.0 / record.sampling_rate)
+        frequencies = np.fft.rfftfreq(record.acceleration.size, 1.0 / record.sampling_rate)
         ends.append(frequencies[np.minimum(indices, frequencies.size - 1)])
     return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
+
+
+def _power_of_base(measurement):
+    """Power of the base's acceleration at each line of its spectrum, with a Hann window."""
+    base = measurement.acceleration - measurement.acceleration.mean()
+    return np.abs(np.fft.rfft(base * np.hanning(base.size))) ** 2
 
 
 def _outside(system, length, ranges, si, several_loads):
@@ -218,9 +224,7 @@ def _outside(system, length, ranges, si, several_loads):
     for edge in contact.edges(system.contacts):
         if np.isfinite(edge) and edge and not _inside(ranges, length * edge):
             parts.append(f"the stopper at {at(length * edge)}")
-    low = min(interval[0] for interval in ranges)
-    high = max(interval[1] for interval in ranges)
-    parts.append(f"the walls beyond {at(low)} and {at(high)}")
+    parts.append(f"the walls beyond {at(np.min(ranges))} and {at(np.max(ranges))}")
     if not several_loads:
         parts.append(
             "other loads (coupling and capacitance are only as accurate as the load's resistance)"
@@ -273,24 +277,24 @@ def kept_aside(
     in_time = [record for record in records if record.long]
     parts = [part for record in in_time for part in record.unexplained]
     missed = [0.0 if part.is_noise else part.systematic for part in parts]
-    model_error, values = _model_error(in_time, missed), _likely(fitted, seed)
+    model_error = _model_error(in_time, missed)
+    draws = [fitted.shooting.known(draw) for draw in _likely(fitted, seed)]
     limit = max(FOLLOWS * max(missed), FOLLOWS_SHARE)
     predictions = []
     for number, record in enumerate(measurements):
         report(number / len(measurements))
-        predictions.append(_of_record(fitted, record, visited, values, model_error, limit))
+        predictions.append(_of_record(fitted, record, visited, draws, model_error, limit))
     return predictions
 
 
 def _likely(fitted, seed):
     """Sets of values that define a valid device: the fitted one, then draws from the covariance."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
-    spread, directions = np.linalg.eigh(fitted.covariance)
-    root = directions * np.sqrt(np.maximum(spread, 0.0))
-    draws = fitted.values + random.standard_normal((MOST_DRAWN, fitted.values.size)) @ root.T
-    draws = np.clip(draws, fitted.shooting.low, fitted.shooting.high)
-    responses = fitted.shooting.responses
-    possible = (draw for draw in draws if responses.at(0, draw).device is not None)
+    normal = random.multivariate_normal(
+        fitted.values, fitted.covariance, MOST_DRAWN, check_valid="ignore", method="eigh"
+    )
+    draws = np.clip(normal, fitted.shooting.low, fitted.shooting.high)
+    possible = (draw for draw in draws if fitted.shooting.at(0, draw).device is not None)
     return [fitted.values, *islice(possible, DRAWS)]
 
 
@@ -309,21 +313,20 @@ def _model_error(records, missed):
 
 def _of_record(fitted, measurement, visited, draws, model_error, limit):
     """Compare one validation record with its prediction."""
-    length, noise = fitted.shooting.responses.length, _noise(fitted, measurement)
+    length, noise = fitted.shooting.length, _noise(fitted, measurement)
     # The record may be in the other well, so starts on both sides are tried.
     farthest = (1.0 + BEYOND) * float(np.abs(visited.displacement).max()) / length
-    reach, local, errors = (-farthest, farthest), [np.zeros(0)] * len(draws), np.zeros(0)
+    own: list[dict[str, float]] = [{}] * len(draws)
+    reach, errors = (-farthest, farthest), np.zeros(0)
     if measurement.own:
         inside = tuple(end / length for end in visited.reach)
-        problem, fit, local = _own_values(fitted, measurement, draws, noise, inside, reach, limit)
+        problem, fit, own = _own_values(fitted, measurement, draws, noise, inside, reach, limit)
         errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
         reach = reach_of(problem.states(fit, 0)[:, 0])
-    problems = [
-        _problem(fitted, measurement, draw, values)
-        for draw, values in zip(draws, local, strict=True)
-    ]
+    known = [draw | values for draw, values in zip(draws, own, strict=True)]
+    problems = [_problem(fitted, measurement, values) for values in known]
     problem, repeats = problems[0], _repeats(measurement)
-    system, _ = problem.responses.at(0, np.zeros(0)).known_device
+    system, _ = problem.at(0, []).known_device
     saddles = np.sort(timescales.saddles(system))
     # Sinusoidal motion is nearly the same in both wells, so unrestricted windows may be in
     # different wells. Windows in a single well are preferred if their fit is similar.
@@ -337,20 +340,18 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
     left = math.sqrt(max(record.nrmse() ** 2 - record.noise() ** 2, 0.0))
-    outside = visited.excludes(problem.responses, runs[0][0])
+    outside = visited.excludes(problem, runs[0][0])
     if agreement < 1.0:
         outside = "values within the uncertainty lead to different orbits"
     if left > limit:
         cause = "with the value fitted in it" if measurement.own else "another tilt, load or sensor"
         outside = f"its residual is {left:.0%} even in short windows: {cause}"
-    late_record = replace(
-        record,
-        measured=record.measured[late:],
-        windowed=record.windowed[late:],
-        free=runs[0][1],
-    )
+    late_records = [
+        replace(record, measured=record.measured[late:], windowed=record.windowed[late:], free=free)
+        for _, free in runs
+    ]
     return WholeRecord(
-        **vars(late_record),
+        **vars(late_records[0]),
         outside=outside,
         left=left,
         limit=limit,
@@ -358,45 +359,28 @@ def _of_record(fitted, measurement, visited, draws, model_error, limit):
         predicted_orbit=orbits[0],
         agreement=agreement,
         rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
-        predicted_rms=_with_error(
-            root_mean_square(runs[0][1]),
-            [root_mean_square(outputs).estimate for _, outputs in runs],
-            0.5 * model_error,
-        ),
-        predicted_power=_with_error(
-            late_record.free_power(),
-            [replace(late_record, free=outputs).free_power().estimate for _, outputs in runs],
-            model_error,
-        ),
+        predicted_rms=_with_error([root_mean_square(free) for _, free in runs], 0.5 * model_error),
+        predicted_power=_with_error([drawn.free_power() for drawn in late_records], model_error),
         own={
-            key: _with_error(
-                Estimate(local[0][n], float(errors[n]), 1.0, "1"), [row[n] for row in local], 0.0
-            )
-            for n, key in enumerate(measurement.own)
+            key: _with_error([Estimate(row[key], float(error), 1.0, "1") for row in own], 0.0)
+            for key, error in zip(measurement.own, errors, strict=True)
         },
     )
 
 
-def _problem(fitted, measurement, draw, values=None):
-    """Least-squares problem of one further record, with the fitted values replaced by drawn ones.
+def _problem(fitted, measurement, known, free=()):
+    """Least-squares problem of one further record with known values by key.
 
-    The record's own values are given by `values`, or are unknowns in addition to the windows'
-    starts.
+    The only unknowns, in addition to the windows' starts, are the `free` values of the record.
     """
-    keys = list(measurement.own) if values is None else []
-    values_by_key = dict(zip(fitted.keys, map(float, draw), strict=True))
-    values_by_key |= zip(
-        measurement.own, () if values is None else map(float, values), strict=not keys
-    )
-    values_by_key = {key: value for key, value in values_by_key.items() if key not in keys}
+    known = {key: value for key, value in known.items() if key not in free}
     # Drawn values define a valid device, since the fitted records were simulated with them.
-    scene = with_values(fitted.scene, [*values_by_key], values_by_key.values()) or fitted.scene
-    sensors = {key: value for key, value in values_by_key.items() if key.startswith("sensor.")}
-    seen = replace(measurement, sensors={**sensors, **measurement.sensors})
-    record = experiment(scene, seen, COARSE_STEPS if keys else FINE_STEPS)
-    responses = fitted.shooting.responses.replaced([record], keys)
-    free = unknowns(record.scene, keys, fitted.sizes)
-    return fitted.shooting.beside(responses, free, records=1)
+    scene = with_values(fitted.scene, known) or fitted.scene
+    sensors = {key: value for key, value in known.items() if key.startswith("sensor.")}
+    seen = replace(measurement, sensors=sensors | measurement.sensors)
+    record = experiment(scene, seen, COARSE_STEPS if free else FINE_STEPS)
+    own = unknowns(record.scene, free, fitted.sizes)
+    return replace(fitted.shooting, experiments=[record], unknowns=own)
 
 
 def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
@@ -404,7 +388,8 @@ def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
 
     If a mirrored motion fits about as well, the one in the covered displacements is chosen.
     """
-    problem = _problem(fitted, measurement, draws[0])
+    problems = [_problem(fitted, measurement, draw, measurement.own) for draw in draws]
+    problem = problems[0]
     fit = _followed(problem, noise, [inside], reach, enough)
     if not fit.grams:
         raise IdentificationError(
@@ -412,11 +397,8 @@ def _own_values(fitted, measurement, draws, noise, inside, reach, enough):
             "check the columns' units and signs, or give the value"
         )
     begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
-    local_values = [
-        _problem(fitted, measurement, draw).minimized(begun, ON_THE_WAY, COARSE).values
-        for draw in draws[1:]
-    ]
-    return problem, fit, [fit.values, *local_values]
+    fits = [fit, *(other.minimized(begun, ON_THE_WAY, COARSE) for other in problems[1:])]
+    return problem, fit, [problem.known(fit.values) for fit in fits]
 
 
 def _followed(problem, noise, ranges, reach, enough):
@@ -436,9 +418,9 @@ def _followed(problem, noise, ranges, reach, enough):
 
 def _in_windows(problem, noise, reach):
     """The best fit in long windows, continued from each minimum in short ones."""
-    measurement = problem.responses.experiments[0].measurement
+    measurement = problem.experiments[0].measurement
     span = [(0, measurement.acceleration.size)]
-    first = np.array([unknown.start for unknown in problem.unknowns])
+    first = problem.first
     minima: list[ShootingFit] = []
     for share in FIRST_SHARES if first.size else (0.0,):
         values = np.clip(first + share * problem.sizes, problem.low, problem.high)
@@ -461,24 +443,21 @@ def _cost(problem, fit, noise):
 def _noise(fitted, measurement):
     """Noise of each output, from the fit of the other records."""
     levels = dict(zip(measurement.outputs, measurement.assumed_noise, strict=True))
-    for other, fitted_levels in zip(
-        fitted.shooting.responses.experiments, fitted.fit.noise, strict=True
-    ):
+    for other, fitted_levels in zip(fitted.shooting.experiments, fitted.fit.noise, strict=True):
         levels |= zip(other.measurement.outputs, fitted_levels, strict=True)
     return np.array([levels[name] for name in measurement.outputs])
 
 
 def _run(problem, start, late):
     """Displacement and outputs from one start, without their first part."""
-    edges = np.array([0, problem.responses.experiments[0].samples])
-    states, _, outputs = problem.responses.states(0, np.zeros(0), edges, start)
+    edges = np.array([0, problem.experiments[0].measurement.acceleration.size])
+    states, _, outputs = problem.at(0, []).states(edges, start)
     return states[late:, 0], outputs[late:]
 
 
 def _repeats(measurement):
     """Samples per period if the base moves as a sine, else None."""
-    base = measurement.acceleration - measurement.acceleration.mean()
-    power = np.abs(np.fft.rfft(base * np.hanning(base.size))) ** 2
+    power = _power_of_base(measurement)
     line = int(np.argmax(power))
     near = power[max(line - SINE_LINES, 0) : line + SINE_LINES + 1]
     if line == 0 or near.sum() < SINE * power.sum():
@@ -486,7 +465,9 @@ def _repeats(measurement):
     # The frequency is between lines: the power-weighted mean of the strongest line and its
     # neighbours.
     weights = power[line - 1 : line + 2]
-    return base.size / float(weights @ np.arange(line - 1, line + 2) / weights.sum())
+    return measurement.acceleration.size / float(
+        weights @ np.arange(line - 1, line + 2) / weights.sum()
+    )
 
 
 def _orbit(x, saddles, edges, period):
@@ -505,15 +486,12 @@ def _orbit(x, saddles, edges, period):
     return f"in well {number + 1} from the left{repeats}"
 
 
-def _with_error(estimate, drawn, model_error):
-    """An estimate whose error includes the errors of the values and of the model."""
-    deviations = np.array(drawn) - drawn[0]
-    error = math.sqrt(
-        estimate.standard_error**2
-        + float(np.mean(deviations[1:] ** 2) if deviations.size > 1 else 0.0)
-        + (model_error * estimate.estimate) ** 2
-    )
-    return replace(estimate, standard_error=error)
+def _with_error(estimates, model_error):
+    """The first estimate, with the errors of the values, as others scatter, and of the model."""
+    first, *others = estimates
+    scatter = np.mean([(other.estimate - first.estimate) ** 2 for other in others] or [0.0])
+    error = math.hypot(first.standard_error, math.sqrt(scatter), model_error * first.estimate)
+    return replace(first, standard_error=error)
 
 
 def _unit(measurement):

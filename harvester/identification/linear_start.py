@@ -12,7 +12,6 @@ electrical rate, and the gap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +19,19 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.sensors import VELOCITY_SCALE
-from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE, DRAG, spring_key
+from harvester.identification.unknowns import (
+    BASE_FACTOR,
+    BASE_SCALE,
+    DRAG,
+    spring_coefficients,
+    spring_key,
+)
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses, Trial
-    from harvester.identification.unknowns import Unknown
+    from harvester.identification.response import Trial
+    from harvester.identification.shooting import Shooting
 
 # Frequencies below this share of the median frequency count as drift and are removed.
 SLOW_SHARE = 0.15
@@ -46,6 +51,10 @@ class Motion:
     v: np.ndarray
     state: np.ndarray
     measured: bool
+
+    def states(self, samples: np.ndarray) -> np.ndarray:
+        """States at some samples, shape (number of samples, 3)."""
+        return np.column_stack([self.x[samples], self.v[samples], self.state[samples]])
 
     def centred(self, position: float) -> Motion:
         """The motion with its mean at `position`; unchanged if the displacement was measured."""
@@ -72,30 +81,29 @@ def motion(trial: Trial) -> Motion:
     """
     (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer
-    outputs = measurement.outputs
     smooth = _smoother(measurement.frequencies[1], rate)
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
     x: Any = None
     v: Any = None
-    if "voltage" in outputs:
-        seen = outputs["voltage"] / scales.voltage
-        if of_state != 0.0:
-            state = seen / of_state
-            decay = transducer.decay_rate()
-            x = state + decay * _integral(state, rate)
-            v = smooth(state, 1) + decay * smooth(state, 0)
-        else:
-            v = smooth(seen / of_velocity, 0)
-            x = _integral(seen / of_velocity, rate)
+    outputs = {
+        name: values / (scales.voltage if name == "voltage" else scales.displacement)
+        for name, values in measurement.outputs.items()
+    }
+    if "voltage" in outputs and of_state != 0.0:
+        state = outputs["voltage"] / of_state
+        decay = transducer.decay_rate()
+        x = state + decay * _integral(state, rate)
+        v = smooth(state, 1) + decay * smooth(state, 0)
+    elif "voltage" in outputs:
+        v = smooth(outputs["voltage"] / of_velocity, 0)
+        x = _integral(outputs["voltage"] / of_velocity, rate)
     if "displacement" in outputs:
-        seen = outputs["displacement"] / scales.displacement
-        x, v = smooth(seen, 0), smooth(seen, 1)
+        x, v = smooth(outputs["displacement"], 0), smooth(outputs["displacement"], 1)
     if "velocity" in outputs:
-        seen = outputs["velocity"] / scales.displacement
-        v = smooth(seen, 0)
-        x = x if "displacement" in outputs else _integral(seen, rate)
+        v = smooth(outputs["velocity"], 0)
+        x = x if "displacement" in outputs else _integral(outputs["velocity"], rate)
     if "voltage" not in outputs and v is not None:
         state = _driven_state(v, transducer.decay_rate(), rate)
     return Motion(x, v, state, "displacement" in outputs)
@@ -159,249 +167,220 @@ class StartingPoint:
     motions: list[Motion]
 
 
-def unchanged_start(
-    responses: Responses, values: np.ndarray, centre: float | None = None
-) -> StartingPoint:
-    """The start at given values with the corresponding motions, centred if `centre` is given."""
-    motions = [motion(responses.at(n, values)) for n in range(len(responses.experiments))]
+def start_at(problem: Shooting, values: np.ndarray, centre: float | None = None) -> StartingPoint:
+    """The start at given values with the corresponding motions.
+
+    Motions whose displacement was not measured are centred if `centre` is given. A free scale of a
+    velocity sensor fits the first motion that has a velocity.
+    """
+    trials = [problem.at(number, values) for number in range(len(problem.experiments))]
+    motions = [motion(trial) for trial in trials]
+    if VELOCITY_SCALE in problem.keys:
+        pairs = zip(trials, motions, strict=True)
+        scales = (trial.velocity_scale(path.v * problem.length) for trial, path in pairs)
+        if scale := next(filter(None, scales), None):
+            values = np.where([key == VELOCITY_SCALE for key in problem.keys], abs(scale), values)
     if centre is not None:
         motions = [path.centred(centre) for path in motions]
     return StartingPoint(values, motions)
 
 
-def regressed(
-    responses: Responses, unknowns: Sequence[Unknown], number: int, drifts: bool
-) -> list[StartingPoint]:
+def regressed(problem: Shooting, number: int, drifts: bool) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
+
+    The other records' motions are centred at this origin too.
 
     Parameters
     ----------
-    unknowns : sequence of Unknown
-        The unknowns, with bounds, and starts for those that the regression does not determine.
+    problem : Shooting
+        Its starts are the values that the regression does not determine.
     drifts : bool
         Whether to keep the slow part of an integrated voltage: it is needed if the mass changes
         wells, and only adds noise otherwise.
     """
-    values, low, high = (
-        np.array([getattr(unknown, name) for unknown in unknowns])
-        for name in ("start", "low", "high")
-    )
-    capacitance = np.array([key == "piezo.capacitance" for key in responses.keys])
+    capacitance = np.array([key == "piezo.capacitance" for key in problem.keys])
     trials = (
-        responses.at(number, np.where(capacitance, factor, 1.0) * values)
+        problem.at(number, np.where(capacitance, factor, 1.0) * problem.first)
         for factor in (ELECTRICAL_FACTORS if capacitance.any() else (1.0,))
     )
     tried = [_Regression(trial, drifts) for trial in trials if trial.device]
-    best = min(tried, key=lambda regression: regression.misfit, default=None)
-    starts: list[StartingPoint] = []
-    if best is None:
-        return starts
-    for fitted_values, origin in best.results():
-        changed = np.clip(list(fitted_values.values()), low, high)
-        if responses.at(number, changed).device is None:
-            continue
-        start = unchanged_start(responses, changed)
-        # The regression gives only this record's origin; the other records' motions are centred
-        # there too.
-        motions = [path.centred(origin) for path in start.motions]
-        starts.append(StartingPoint(changed, motions))
-    return starts
+    if not tried:
+        return []
+    best = min(tried, key=lambda regression: regression.misfit)
+    starts = [
+        (np.clip([*best.values(origin).values()], problem.low, problem.high), origin)
+        for origin in best.origins()
+    ]
+    return [
+        start_at(problem, values, origin)
+        for values, origin in starts
+        if problem.at(number, values).device
+    ]
 
 
 class _Regression:
-    """Weak form of one experiment's equation of motion."""
+    """Weak form of one experiment's equation of motion, solved for its best scale and gaps.
+
+    z and w are displacement and velocity in units of the rms displacement, with x = size·z + origin
+    and x' = size·w. The coefficient of a force of degree n in the motion is that of the regression
+    divided by sizeⁿ, and in the scene's units times mass·length¹⁻ⁿ.
+    """
 
     def __init__(self, trial, drifts):
-        seen, (system, self.scales) = motion(trial), trial.known_device
+        seen, (system, scales) = motion(trial), trial.known_device
         if not drifts:
             seen = seen.without_drift(trial.measurement)
-        self.known, self.scene = trial.known, trial.scene
-        experiment = trial.experiment
-        self.powers = _powers(self.scene.oscillator)
+        self.known, self.scene, self.length = trial.known, trial.scene, scales.displacement
+        self.powers = _powers(self.scene)
         self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
-        self.mass = self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
-        self.stops = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
-        self.offset = float(np.mean(seen.x))
-        self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
-        self.centred = "displacement" not in experiment.measurement.outputs
-        self.unit = float(np.std(self.z)) or 1.0
+        is_si = self.scene.units == "SI"
+        self.mass = self.scene.oscillator.mass if is_si else 1.0
+        stops = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
+        several = len(stops) > 1 or any(stop.side != "both" for stop in stops)
+        self.stops = {f"stoppers[{n}]" if several else "stoppers": s for n, s in enumerate(stops)}
+        self.mean, self.is_measured = float(np.mean(seen.x)), seen.measured
+        unit = float(np.std(seen.x)) or 1.0
+        self.z, self.w = (seen.x - self.mean) / unit, seen.v / unit
         # Whether the coefficient of the transducer's force is fitted (β of a scaled scene).
-        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in self.known
+        self.linear_force = not is_si and "piezo.coupling" in self.known
         # Whether the factor of the drive is unknown, and the scale of the motion known.
-        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and not self.centred
-        rate = experiment.measurement.sampling_rate
-        period = 1.0 / experiment.measurement.frequencies[0]
-        width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
+        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*self.known}) and seen.measured
+        rate, frequency = trial.measurement.sampling_rate, trial.measurement.frequencies[0]
+        width = int(np.clip(round(COVERED_PERIODS / frequency * rate), 16, self.z.size // 4))
         # φ = (1 − u²)⁴ on −1 < u < 1, and its derivatives.
         u, half = np.linspace(-1.0, 1.0, width + 2)[1:-1], 0.5 * (width + 1) / rate
         bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 4
         self.phi = [bump.deriv(n)(u) / half**n for n in range(3)]
         self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
-        self.drive = self._integrated(trial.excitation[:: experiment.steps])
-        self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
-        self.inertia = self._integrated(self.z, 2)
-        self.damping = -self._integrated(self.z, 1)
-        self.solved = self._best()
-        self.misfit = self.solved[0]
+        self.drive = self._integrated(trial.excitation[:: trial.experiment.steps])
+        self.force = self._integrated(np.array(system.transducer.force(seen.v, seen.state)))
+        self.inertia = unit * self._integrated(self.z, 2)
+        has_gaps = any(key.startswith("stoppers") and "gap" in key for key in numbers(self.scene))
+        couplings = {"piezo.coupling", "coil.coupling"} & {*self.known}
+        free_scale = couplings and is_si and not seen.measured and self.drive.any()
+        self.misfit, self.factor, self.share, self.terms = min(
+            (
+                solution
+                for share in (GAP_SHARES if has_gaps else (None,))
+                for solution in self._solved(share, SCALE_FACTORS if free_scale else (1.0,))
+            ),
+            key=lambda solution: solution[0],
+        )
+        self.size = unit * self.factor
 
     def _integrated(self, values, order=0):
         """∫φ⁽ᵒʳᵈᵉʳ⁾ values for all test functions."""
-        full = np.convolve(values, self.phi[order][::-1], mode="valid")
-        return full[self.places]
-
-    def _best(self):
-        """(misfit, coefficients, scale, gaps' share, names) of the best scale and gaps."""
-        known_scale = not (
-            {"piezo.coupling", "coil.coupling"} & set(self.known)
-            and self.scene.units == "SI"
-            and self.centred
-        )
-        known_scale |= not self.drive.any()
-        factors = (1.0,) if known_scale else SCALE_FACTORS
-        has_gaps = any(key.startswith("stoppers") and "gap" in key for key in numbers(self.scene))
-        gap_shares = GAP_SHARES if has_gaps else (None,)
-        solutions = []
-        for share in gap_shares:
-            columns = self._columns(share)
-            solved = self._solved(np.column_stack(list(columns.values())), factors)
-            solutions += [(*solution, share, list(columns)) for solution in solved]
-        return min(solutions, key=lambda solution: solution[0])
-
-    def results(self) -> list:
-        """(values, mean displacement) for each likely origin."""
-        _, solution, s, share, names = self.solved
-        terms = dict(zip(names, solution, strict=True))
-        return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
+        return np.convolve(values, self.phi[order][::-1], mode="valid")[self.places]
 
     def _columns(self, share):
-        """Columns of the regression (integrals of terms, divided by s) by their coefficients'
-        names.
-        """
-        z = self.z / self.unit
-        columns = {"damping": self.damping}
+        """Degree and integral of each force with an unknown coefficient, by key or power of z."""
+        z, w = self.z, self.w
+        columns: dict[Any, Any] = {"oscillator.damping": (1, -self._integrated(z, 1))}
         if DRAG in self.known:
-            columns["drag"] = self._integrated(np.abs(self.w) * self.w)
-        for power in range(self.degree + 1):
-            columns[f"k{power}"] = self._integrated(z**power)
-        for index, stop in enumerate(self.stops if share is not None else ()):
-            push = self._push(share, stop)
-            columns[f"contact{index}"] = self._integrated(push)
-            columns[f"dashpot{index}"] = self._integrated(np.abs(push) * self.w)
+            columns[DRAG] = 2, self._integrated(np.abs(w) * w)
+        columns |= {n: (n, self._integrated(z**n)) for n in range(self.degree + 1)}
+        for table, stop in self.stops.items() if share is not None else ():
+            right = np.maximum(z - share * z.max(), 0.0) ** stop.exponent
+            left = np.maximum(share * z.min() - z, 0.0) ** stop.exponent
+            push = {"right": right, "left": -left, "both": right - left}[stop.side]
+            columns[f"{table}.stiffness"] = stop.exponent, self._integrated(push)
+            columns[f"{table}.dashpot"] = 0, self._integrated(np.abs(push) * w)
         if self.linear_force:
-            columns["force"] = self.force
+            columns["piezo.coupling"] = 0, self.force
         if self.free_drive:
-            columns["drive"] = -self.drive
+            columns["drive"] = 0, -self.drive
         return columns
 
-    def _push(self, share, stop):
-        right = np.maximum(self.z - share * self.z.max(), 0.0) ** stop.exponent
-        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** stop.exponent
-        return {"right": right, "left": -left, "both": right - left}[stop.side]
-
-    def _solved(self, columns, factors):
-        """(misfit, coefficients, s) for each scale s of the motion.
+    def _solved(self, share, factors):
+        """(misfit, s, share, terms) for each factor s of the motion.
 
         The right-hand side is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
+        forces = self._columns(share)
+        degrees = [degree for degree, _ in forces.values()]
+        columns = np.column_stack([column for _, column in forces.values()])
         # A term with an unknown coefficient is a column, and is omitted here.
         drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
-        terms = np.column_stack([drive, -self.inertia, force])
+        right = np.column_stack([drive, -self.inertia, force])
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
-        solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
-        residuals = terms - columns @ solutions
-        size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
-        powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
-        return [
-            (np.linalg.norm(residuals @ scale_powers) / size, solutions @ scale_powers, s)
-            for scale_powers, s in zip(powers, factors, strict=True)
-        ]
+        solutions = np.linalg.lstsq(columns / norms, right, rcond=1e-10)[0] / norms[:, None]
+        residuals = right - columns @ solutions
+        size = np.linalg.norm(right[:, 0]) or np.linalg.norm(self.inertia)
+        for s in factors:
+            powers = np.array([1.0, s, 1.0 / s])
+            terms = zip(degrees, solutions @ powers, strict=True)
+            misfit = np.linalg.norm(residuals @ powers) / size
+            yield misfit, s, share, dict(zip(forces, terms, strict=True))
 
-    def _force(self, terms, s):
-        """Coefficients of F as a polynomial of s z, scaled."""
-        return np.array([terms[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
+    def _spring(self):
+        """Scaled coefficients of F as a polynomial of x − origin."""
+        return np.array([self.terms[n][1] / self.size**n for n in range(self.degree + 1)])
 
-    def _translated(self, terms, s, share, shift):
-        """(values, mean displacement) with x = s z + shift."""
-        mass, length = self.mass, self.scales.displacement
-        moved = shifted(self._force(terms, s), shift)
-        stiffness = abs(moved[1]) if moved.size > 1 else 1.0
-        least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
-        changes = {"oscillator.damping": mass * max(terms["damping"] / s, least)}
-        changes |= {
-            spring_key(self.scene.oscillator, n): mass * k * length ** (1 - n)
-            for n, k in enumerate(moved)
+    def _in_scene(self, degree, coefficient):
+        """A scaled coefficient of a force in the scene's units."""
+        return coefficient * self.mass * self.length ** (1 - degree)
+
+    def values(self, origin: float) -> dict[str, float]:
+        """Values of the unknowns with x = size·z + origin."""
+        spring = shifted(self._spring(), origin)
+        changes = {
+            key: self._in_scene(degree, coefficient / self.size**degree)
+            for key, (degree, coefficient) in self.terms.items()
+            if key not in ("drive", "piezo.coupling")
         }
-        if "drag" in terms:
-            changes[DRAG] = mass / length * max(terms["drag"] / s**2, 0.0)
-        # In a scaled scene β is proportional to the force, otherwise the coupling to 1/s.
-        for key in ("piezo.coupling", "coil.coupling"):
-            changes[key] = self._value(key) * terms.get("force", 1.0 / s)
-        if terms.get("drive"):
-            # The drive is the base factor divided by the sensor's scale; only one of them is free.
-            changes[BASE_SCALE] = self._value(BASE_SCALE) / terms["drive"]
-            changes[BASE_FACTOR] = self._value(BASE_FACTOR) * terms["drive"]
-        if share is not None:
-            changes |= self._stops(terms, s, share, shift)
-        solved = {k: changes[k] for k in self.known if np.isfinite(changes.get(k, np.nan))}
-        return {**self.known, **solved}, shift
-
-    def _value(self, key):
-        """Value of a scene's key, whether free or not; 0 if the scene has no such key."""
-        return self.known.get(key, float(numbers(self.scene).get(key, (0.0,))[0]))
-
-    def _stops(self, terms, s, share, shift):
-        """Gaps and stiffnesses of the contacts."""
-        mass, length = self.mass, self.scales.displacement
-        changes = {}
-        several = len(self.stops) > 1 or self.stops[0].side != "both"
-        for index, stop in enumerate(self.stops):
-            table = f"stoppers[{index}]" if several else "stoppers"
-            right = share * self.z.max() * s + shift
-            left = -share * self.z.min() * s - shift
+        # A negative stiffness of a stopper or a negative drag is noise.
+        changes = {k: v for k, v in changes.items() if v > 0.0 or "stiffness" not in str(k)}
+        least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(abs(spring[1])) * self.mass
+        changes["oscillator.damping"] = max(changes["oscillator.damping"], least)
+        changes[DRAG] = max(changes.get(DRAG, 0.0), 0.0)
+        oscillator = self.scene.oscillator
+        changes |= {spring_key(oscillator, n): self._in_scene(n, k) for n, k in enumerate(spring)}
+        for table, stop in self.stops.items() if self.share is not None else ():
+            right = self.share * self.z.max() * self.size + origin
+            left = -self.share * self.z.min() * self.size - origin
             gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[stop.side]
-            push = terms[f"contact{index}"] / s**stop.exponent
-            changes[f"{table}.gap"] = gap * length
-            if push > 0.0:
-                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - stop.exponent)
-        return changes
+            changes[f"{table}.gap"] = gap * self.length
+        # In a scaled scene β is proportional to the force, otherwise the coupling to 1/s.
+        _, coupling = self.terms.get("piezo.coupling", (0, 1.0 / self.factor))
+        # The drive is the base factor divided by the sensor's scale; only one of them is free.
+        drive = self.terms.get("drive", (0, 1.0))[1] or 1.0
+        factors = {"piezo.coupling": coupling, "coil.coupling": coupling}
+        factors |= {BASE_FACTOR: drive, BASE_SCALE: 1.0 / drive}
+        changes |= {k: factor * self.known[k] for k, factor in factors.items() if k in self.known}
+        return {
+            k: changes[k] if np.isfinite(changes.get(k, np.nan)) else self.known[k]
+            for k in self.known
+        }
 
-    def _shifts(self, terms, s):
+    def origins(self) -> list[float]:
         """Likely mean displacements: those at which the coefficients that are not free keep their
         values.
         """
-        if not self.centred:
-            return [s * self.offset]
-        fixed = self._kept_coefficients()
+        if self.is_measured:
+            return [self.factor * self.mean]
+        oscillator, powers = self.scene.oscillator, [*self.powers, *[0.0] * self.degree]
+        fixed = {
+            n: powers[n] * self.length ** (n - 1) / self.mass
+            for n in range(self.degree + 1)
+            if spring_key(oscillator, n) not in self.known
+        }
         if not fixed:
             return [0.0]
-        force, rms = self._force(terms, s), s * self.unit
-        off = np.zeros(ORIGINS.size)
-        for index, origin in enumerate(ORIGINS * rms):
-            moved = shifted(force, origin)
-            off[index] = sum(
-                ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
-            )
+        origins, spring = ORIGINS * self.size, self._spring()
+        moved = np.array([shifted(spring, origin) for origin in origins])
+        off = sum(((moved[:, n] - k) * self.size**n) ** 2 for n, k in fixed.items())
         around = np.concatenate([[np.inf], off, [np.inf]])
         dips = np.flatnonzero((off < around[:-2]) & (off <= around[2:]))
         best = sorted(dips, key=lambda index: off[index])[:MOST_ORIGINS]
-        return [float(ORIGINS[index] * rms) for index in best]
-
-    def _kept_coefficients(self):
-        """Scaled spring coefficients that are not free, by power."""
-        length, fixed = self.scales.displacement, {}
-        for n in range(self.degree + 1):
-            if spring_key(self.scene.oscillator, n) not in self.known:
-                value = self.powers[n] if n < len(self.powers) else 0.0
-                fixed[n] = value * length ** (n - 1) / self.mass
-        return fixed
+        return [float(origins[index]) for index in best]
 
 
-def _powers(oscillator):
+def _powers(scene):
     """(F0, k1, …) in the scene's units; for a table, coefficients of a fitted polynomial."""
-    if oscillator.force_table is None:
-        return [k or 0.0 for k in oscillator.coefficients]
-    displacement, force = np.array(oscillator.force_table).T
+    if scene.oscillator.force_table is None:
+        return spring_coefficients(scene)
+    displacement, force = np.array(scene.oscillator.force_table).T
     degree = min(TABLE_DEGREE, len(force) - 1)
     return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 
@@ -412,30 +391,16 @@ def shifted(coefficients: np.ndarray, distance: float) -> np.ndarray:
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, unknowns: Sequence[Unknown]) -> list[StartingPoint]:
+def starts_from(problem: Shooting) -> list[StartingPoint]:
     """All starts to try: the scene's values, and regressions on each record."""
-    values = np.array([unknown.start for unknown in unknowns])
     starts: list[StartingPoint] = []
-    for number, experiment in enumerate(responses.experiments):
-        starts += regressed(responses, unknowns, number, True)
+    for number, experiment in enumerate(problem.experiments):
+        starts += regressed(problem, number, True)
         if "displacement" not in experiment.measurement.outputs:
             # An integrated voltage has a slow drift, so the motion is also tried without it.
-            starts += regressed(responses, unknowns, number, False)
-    system, _ = responses.at(0, values).known_device
+            starts += regressed(problem, number, False)
+    system, _ = problem.at(0, problem.first).known_device
     wells, saddles = timescales.wells(system), timescales.saddles(system)
-    measured = "displacement" in responses.experiments[0].measurement.outputs
+    measured = "displacement" in problem.experiments[0].measurement.outputs
     positions = [*wells[:1]] if measured else [*wells, *saddles]
-    starts += [unchanged_start(responses, values, centre) for centre in positions]
-    return [_with_velocity_scale(responses, start) for start in starts]
-
-
-def _with_velocity_scale(responses, start):
-    """The start with the free scale of a velocity sensor that fits its motion."""
-    if VELOCITY_SCALE not in responses.keys:
-        return start
-    for number, path in enumerate(start.motions):
-        trial = responses.at(number, start.values)
-        if scale := trial.velocity_scale(path.v * responses.length):
-            values = {**trial.known, VELOCITY_SCALE: abs(scale)}
-            return StartingPoint(np.array(list(values.values())), start.motions)
-    return start
+    return starts + [start_at(problem, problem.first, centre) for centre in positions]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import NoneType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -53,6 +53,11 @@ class MeasuredResponse:
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "response"
     sensors: dict[str, float] = field(default_factory=dict)
+
+    # Attributes of time records.
+    remarks: ClassVar[tuple[str, ...]] = ()
+    own: ClassVar[tuple[str, ...]] = ()
+    velocity_in_volts: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         arrays = {quantity: np.atleast_1d(values) * 1.0 for quantity, values in self._arrays()}
@@ -127,7 +132,8 @@ class MeasuredResponse:
         """A selection of the frequencies."""
         return replace(self, **{quantity: values[lines] for quantity, values in self._arrays()})
 
-    def _check_size(self):
+    def check_size(self) -> None:
+        """Raise IdentificationError if there are too few frequencies."""
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
                 f"{self.name}: too short: {self.frequency.size} frequencies: must be "
@@ -142,7 +148,7 @@ class MeasuredResponse:
         IdentificationError
             Too few frequencies, none on one side of the resonance, or a rising phase.
         """
-        self._check_size()
+        self.check_size()
         if self.resonance in self.frequency[[0, -1]]:
             raise IdentificationError(
                 f"{self.name}: no excitation in the relevant band: the response is largest at "
@@ -168,7 +174,6 @@ def response_of(
     SceneError
         There is neither an amplitude nor a pair of real and imaginary parts.
     """
-    phase = columns.get("phase")
     if "frequency" not in columns:
         raise SceneError(
             f"{name}: a column of complex numbers is a frequency response, but no column of "
@@ -184,15 +189,15 @@ def response_of(
             )
     elif {"real", "imaginary"} <= set(columns):
         response = columns["real"] + 1j * columns["imaginary"]
-    elif "amplitude" not in columns:
+    elif "amplitude" in columns:
+        response = columns["amplitude"]
+        if "phase" in columns:
+            response = response * np.exp(1j * columns["phase"])
+    else:
         raise SceneError(
             f"{name}: no column of the response: write amplitude [V/g] and phase [deg], or "
             "real [V/g] and imaginary [V/g] in its header, or amplitude=COLUMN:UNIT after the file"
         )
-    elif phase is None:
-        response = columns["amplitude"]
-    else:
-        response = columns["amplitude"] * np.exp(1j * phase)
     return MeasuredResponse(
         columns["frequency"], response, columns.get("acceleration"), changes, name, sensors
     )
@@ -247,10 +252,6 @@ class MeasuredImpedance(MeasuredResponse):
     def assumed_noise(self) -> np.ndarray:
         """Relative noise of both outputs assumed by the first fit."""
         return np.full(2, ASSUMED_IMPEDANCE_NOISE)
-
-    def check(self) -> None:
-        """Raise IdentificationError if there are too few frequencies."""
-        self._check_size()
 
 
 def impedance_outputs(impedance: np.ndarray) -> dict[str, np.ndarray]:
@@ -317,8 +318,7 @@ def _columns(measured, settings):
     values = {n: _values(measured, n, *columns[n]) for n in ("frequency", *sorted(form))}
     if form is parts:
         return values["frequency"], values["resistance"] + 1j * values["reactance"]
-    turned = 1.0 if is_complex else np.exp(1j * values["phase"])
-    return values["frequency"], values["impedance"] * turned
+    return values["frequency"], values["impedance"] * np.exp(1j * values.get("phase", 0.0))
 
 
 def _candidates(measured, quantity):
@@ -348,24 +348,18 @@ def _values(measured, quantity, index, stated):
 def _check_phase(measured, index, values, unit):
     """Raise if degrees are likely radians, or radians degrees."""
     largest = float(np.abs(values).max())
-    limit = math.radians(LARGEST_PHASE)
-    if unit == "rad" and largest > limit:
-        cause = (
-            "a passive part's phase is within ±1.571 rad: if the column is in degrees, write "
-            "phase=COLUMN:deg; if not, the column is not the impedance's phase"
-        )
-    elif unit == "deg" and largest > LARGEST_PHASE:
+    causes = {
+        ("rad", False): "a passive part's phase is within ±1.571 rad: if the column is in degrees, "
+        "write phase=COLUMN:deg; if not, the column is not the impedance's phase",
+        ("deg", True): "a piezo's phase is −90 deg off resonance: if the column is in radians, "
+        "give the unit (phase=COLUMN:rad)",
+    }
+    cause = causes.get((unit, largest <= math.radians(LARGEST_PHASE)))
+    if unit == "deg" and largest > LARGEST_PHASE:
         cause = "a passive part's phase is within ±90 deg: the column is not the impedance's phase"
-    elif unit == "deg" and largest <= limit:
-        cause = (
-            "a piezo's phase is −90 deg off resonance: if the column is in radians, give the unit "
-            "(phase=COLUMN:rad)"
-        )
-    else:
-        return
-    raise SceneError(
-        f"{measured.where}: {measured.label(index)} is within ±{largest:.3g} {unit}, but {cause}"
-    )
+    if cause:
+        column = f"{measured.where}: {measured.label(index)}"
+        raise SceneError(f"{column} is within ±{largest:.3g} {unit}, but {cause}")
 
 
 def _check_passive(impedance, where):

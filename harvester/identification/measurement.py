@@ -135,10 +135,8 @@ class Measurement:
             density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
             total = np.cumsum(density)
             shares = total[-1] * np.array([0.5, FASTEST_SHARE])
-            frequencies_at = (
-                f[np.searchsorted(total, shares)] if total[-1] > 0.0 else [0.1 * rate] * 2
-            )
-            ends.append(frequencies_at)
+            moves = total[-1] > 0.0
+            ends.append(f[np.searchsorted(total, shares)] if moves else [0.1 * rate] * 2)
         slowest = 1.0 / self.duration
         median, fastest = np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]
         return max(float(median), slowest), max(float(fastest), slowest)
@@ -187,13 +185,13 @@ def read_measurement(
     path, settings = str(file), table(settings or {}, "settings", '{"voltage": "2:mV"}')
     where = named(path)
     stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
-    lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
-    lines = {name: number for name, number in lines.items() if number is not None}
-    rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
+    names = [*LINES, "sampling_rate"]
+    lines = {name: _number(where, name, settings.pop(name)) for name in names if name in settings}
+    rate = lines.pop("sampling_rate", None)
     for key in settings:
         if "." not in key:
-            names = [*COLUMNS, *LINES, "sampling_rate"]
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, names)}")
+            near = nearest(key, [*COLUMNS, *names])
+            raise SceneError(f"{where}: unknown setting {named(key)}{near}")
     sensors = checked_sensors(
         {key: settings.pop(key) for key in list(settings) if key.startswith("sensor.")},
         OUTPUTS,
@@ -205,10 +203,11 @@ def read_measurement(
     measured = MeasuredFile(path, read_content(path)[0])
     chosen = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
     indices = [index for index, _ in chosen.values()]
-    scaled, unit_of = units != "SI", {}
-    for name, (index, unit) in chosen.items():
-        raw = any(f"{name}_{end}" in lines for end in LINE_ENDS)
-        unit_of[name] = measured.unit(name, index, unit, scaled, raw)
+    raw = {name.rpartition("_")[0] for name in lines}
+    unit_of = {
+        name: measured.unit(name, index, unit, units != "SI", name in raw)
+        for name, (index, unit) in chosen.items()
+    }
     is_response = "frequency" in chosen or "response" in chosen
     if is_response and free_keys:
         raise SceneError(
@@ -274,6 +273,6 @@ def _taken_absolute(where, settings):
 def _number(where, key, value):
     """A setting's number."""
     try:
-        return None if value is None else float(value)
-    except ValueError:
+        return float(value)
+    except (TypeError, ValueError):
         raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None

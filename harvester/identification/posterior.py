@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.libraries import optional_library
 from harvester.base.serialising import plain
+from harvester.identification.sensors import without_states
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
@@ -83,11 +83,11 @@ def posterior(
         emcee is not installed.
     """
     emcee = optional_library("emcee", "--posterior", "posterior")
-    values, errors = (
-        fitted.values,
-        np.maximum(fitted.standard_errors, 1e-12 * np.abs(fitted.values)),
+    values, size = fitted.values, fitted.values.size
+    errors, walkers = (
+        np.maximum(fitted.standard_errors, 1e-12 * np.abs(values)),
+        WALKERS_PER_VALUE * size,
     )
-    walkers, size = WALKERS_PER_VALUE * values.size, values.size
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     root = np.linalg.cholesky(fitted.covariance / np.outer(errors, errors) + 1e-9 * np.eye(size))
     begun = values + errors * (rng.standard_normal((walkers, size)) @ root.T)
@@ -113,38 +113,31 @@ def log_density(fitted: Fitted) -> Callable[[np.ndarray], float]:
     """Return the logarithm of the posterior's density, up to a constant, as a function of the
     values.
     """
-    shooting, fit = fitted.shooting, fitted.fit
+    shooting, fit, count = fitted.shooting, fitted.fit, len(fitted.keys)
     shooting.linearized(fit)
-    bases, free = [], -len(fitted.keys)
-    for number, edges in enumerate(fit.edges):
-        table, _ = shooting.jacobian(fit, number)
-        existing = shooting.states_there[number]
-        free += table[..., 0].size - int(existing.sum()) * (edges.size - 1)
-        columns = table[..., len(fitted.keys) : -1][..., existing]
-        cuts = edges - edges[0]
-        parts = [np.concatenate(columns[a:b]) for a, b in pairwise(cuts)]
-        bases.append([np.linalg.qr(part)[0] for part in parts])
-    least = _cost(shooting, fit, bases)
+    tables = [shooting.jacobian(fit, number)[0] for number in range(len(fit.edges))]
+    windows = [edges.size - 1 for edges in fit.edges]
+    states = [np.count_nonzero(sizes > 0.0) for sizes in shooting.state_sizes]
+    free = sum(table[..., 0].size for table in tables) - np.dot(states, windows) - count
+
+    def cost(trial):
+        """Sum of squares, minimised over the windows' starts to first order."""
+        total = 0.0
+        for number, table in enumerate(tables):
+            residuals, _, costs = shooting.residuals(trial, number)
+            if not np.isfinite(costs).all():
+                return np.inf
+            cuts = fit.edges[number] - fit.edges[number][0]
+            left = without_states(residuals[..., None], table[..., count:-1], cuts)
+            total += float(np.sum(left**2))
+        return total
+
+    least = cost(fit)
 
     def density(values: np.ndarray) -> float:
         if (values < shooting.low).any() or (values > shooting.high).any():
             return -np.inf
         change = (values - fit.values) / shooting.sizes
-        moved = shooting.moved(fit, change, shooting.state_moves(fit, change))
-        cost = _cost(shooting, moved, bases)
-        return -0.5 * free * (cost - least) / least
+        return -0.5 * free * (cost(shooting.moved(fit, change)) - least) / least
 
     return density
-
-
-def _cost(shooting, fit, bases):
-    """Sum of squares, minimised over the windows' starts to first order."""
-    total = 0.0
-    for number, edges in enumerate(fit.edges):
-        residuals, _, costs = shooting.residuals(fit, number)
-        if not np.isfinite(costs).all():
-            return np.inf
-        total += float(np.sum(residuals**2))
-        for (a, b), basis in zip(pairwise(edges - edges[0]), bases[number], strict=True):
-            total -= float(np.sum((basis.T @ residuals[a:b].ravel()) ** 2))
-    return total

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -36,11 +35,11 @@ from harvester.identification.measured_response import (
 )
 from harvester.identification.sensors import (
     HIGHPASSES,
+    NEUTRAL,
     VELOCITY_SCALE,
     filtered,
     integrals,
     invert_high_pass,
-    neutral,
     parallel,
     without_memory,
 )
@@ -52,7 +51,6 @@ from harvester.scene.units import Scales
 if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.system import System
-    from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -76,23 +74,25 @@ class Experiment:
 
     Attributes
     ----------
+    measurement : Measurement or MeasuredResponse
+        The samples of a response or an impedance are its frequencies.
     scene : Scene
         The scene with the record's changes.
     steps : int
-        Number of steps between two samples.
+        Number of steps between two samples of a time record.
     acceleration : dict of str to ndarray
-        Base acceleration at the steps, by name of the interpolation.
+        Base acceleration at the steps of a time record, by name of the interpolation.
     """
 
-    measurement: Measurement
+    measurement: Any
     scene: Scene
-    steps: int
-    acceleration: dict[str, np.ndarray]
+    steps: int = 0
+    acceleration: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
-    def samples(self) -> int:
-        """Number of samples in the whole record."""
-        return self.measurement.acceleration.size
+    def is_steady(self) -> bool:
+        """Whether the measurement is a response or an impedance."""
+        return isinstance(self.measurement, MeasuredResponse)
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral of a column, at `steps` positions per sample."""
@@ -104,29 +104,21 @@ class Experiment:
         return cache[quantity, steps]
 
 
-@dataclass(frozen=True)
-class SteadyExperiment:
-    """A measured response or impedance with its scene; its samples are frequencies."""
-
-    measurement: MeasuredResponse
-    scene: Scene
-
-
 def experiment(
     scene: Scene, measurement: Measurement | MeasuredResponse, per_period: int = FINE_STEPS
-) -> Any:
+) -> Experiment:
     """Prepare a measurement for simulation with this number of steps in its fastest period."""
     changed = scene.replace(measurement.changes)
     if isinstance(measurement, MeasuredResponse):
-        return SteadyExperiment(measurement, changed)
+        return Experiment(measurement, changed)
     rate = measurement.sampling_rate
     # At least two steps between samples, since a smooth path needs intermediate points.
     steps = max(2, math.ceil(per_period * measurement.frequencies[1] / rate - 1e-9))
-    paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
+    paths = {name: interpolated(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
 
 
-def _path(samples, steps, interpolation):
+def interpolated(samples: np.ndarray, steps: int, interpolation: str) -> np.ndarray:
     """Acceleration at the steps, for one record or several, shape (n, records)."""
     if interpolation == "smooth":
         return smoothed(samples, steps)
@@ -143,111 +135,23 @@ def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[A
     return list(_THREADS.map(function, items))
 
 
-class Responses:
-    """Simulated outputs of several experiments for values of the unknowns.
-
-    Parameters
-    ----------
-    keys : sequence of str
-        Keys of the unknowns, in the order of their values.
-    length : float
-        Displacement unit of the states, in the scene's units: the same for all trial values.
-    interpolation : str
-        A name in `INTERPOLATIONS`.
-    """
-
-    def __init__(
-        self,
-        experiments: Sequence[Any],
-        keys: Sequence[str],
-        length: float,
-        interpolation: str = INTERPOLATIONS[0],
-    ) -> None:
-        self.experiments, self.keys = list(experiments), list(keys)
-        self.interpolation, self.length = interpolation, length
-
-    def replaced(self, experiments: Sequence[Any], keys: Sequence[str]) -> Responses:
-        """Responses of other experiments, or for other unknowns."""
-        other = copy(self)
-        other.experiments, other.keys = list(experiments), list(keys)
-        return other
-
-    def at(self, number: int, values: Iterable[float]) -> Trial:
-        """One experiment with values of the unknowns."""
-        return Trial(self, number, dict(zip(self.keys, map(float, values), strict=True)))
-
-    def states(
-        self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
-    ) -> tuple[Any, Any, Any]:
-        """States at samples, states after each window, and outputs, for one experiment.
-
-        Parameters
-        ----------
-        edges : ndarray of int, shape (windows + 1,)
-        starts : ndarray, shape (windows, 3)
-            Scaled X, X' and transducer's state.
-
-        Returns
-        -------
-        ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
-            Three times None if the values are invalid in the scene.
-        """
-        return self.at(number, values).states(edges, starts)
-
-    def moved_by_noise(
-        self,
-        number: int,
-        noise: np.ndarray,
-        values: np.ndarray,
-        edges: np.ndarray,
-        starts: np.ndarray,
-    ) -> np.ndarray:
-        """Changes of one record's outputs caused by noise of the base's sensor.
-
-        Parameters
-        ----------
-        noise : ndarray, shape (n, draws)
-        values, edges, starts
-            As in `states`.
-
-        Returns
-        -------
-        ndarray, shape (samples, outputs, draws)
-            Zero after the solution has diverged.
-        """
-        record = self.experiments[number]
-        base = record.measurement.acceleration
-        path = record.acceleration[self.interpolation]
-        undisturbed = self.states(number, values, edges, starts)[2]
-
-        def moved(draw):
-            shaken, path_noise = draw
-            other = self.replaced(self.experiments, self.keys)
-            other.experiments[number] = replace(
-                record,
-                measurement=replace(record.measurement, acceleration=base + shaken),
-                acceleration={self.interpolation: path + path_noise},
-            )
-            return other.states(number, values, edges, starts)[2] - undisturbed
-
-        paths = _path(noise, record.steps, self.interpolation)
-        changes = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
-        return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
-
-
 class Trial:
     """One experiment with values of the unknowns.
 
     Parameters
     ----------
+    problem : Shooting
+        The problem with the experiments, the displacement unit and the interpolation.
+    number : int
+        Number of the experiment.
     known : dict of str to float
         Values of the unknowns by key.
     """
 
-    def __init__(self, responses: Responses, number: int, known: dict[str, float]) -> None:
-        self.experiment = responses.experiments[number]
+    def __init__(self, problem: Any, number: int, known: dict[str, float]) -> None:
+        self.experiment: Experiment = problem.experiments[number]
         self.measurement, self.scene = self.experiment.measurement, self.experiment.scene
-        self.interpolation, self.length = responses.interpolation, responses.length
+        self.length, self.interpolation = problem.length, problem.interpolation
         self.known = known
         factors = ((factor_of(key), value) for key, value in known.items())
         # Factors of this experiment's assumed values, by key.
@@ -260,7 +164,7 @@ class Trial:
         for key, factor in self.factors.items():
             if not key.startswith("sensor."):
                 further[key] = factor * numbers(self.scene)[key][0]
-        changed = with_values(self.scene, [*self.known], self.known.values(), further)
+        changed = with_values(self.scene, self.known | further)
         if changed is None:
             return None
         probe = self.sensor("sensor.voltage_resistance")
@@ -298,15 +202,28 @@ class Trial:
         """A sensor's parameter: free, or as given for this record."""
         if key in self.known:
             return self.known[key]
-        default = self.measurement.sensors.get(key, neutral(key))
+        neutral = NEUTRAL.get(key.rpartition("_")[2], 0.0)
+        default = self.measurement.sensors.get(key, neutral)
         return default * self.factors.get(key, 1.0)
 
     def states(self, edges: np.ndarray, starts: np.ndarray) -> tuple[Any, Any, Any]:
-        """States at samples, states after each window, and outputs, as `Responses.states`."""
+        """States at samples, states after each window, and outputs.
+
+        Parameters
+        ----------
+        edges : ndarray of int, shape (windows + 1,)
+        starts : ndarray, shape (windows, 3)
+            Scaled X, X' and transducer's state.
+
+        Returns
+        -------
+        ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
+            Three times None if the values are invalid in the scene.
+        """
         if self.device is None:
             return None, None, None
         system, scales = self.device
-        if isinstance(self.experiment, SteadyExperiment):
+        if self.experiment.is_steady:
             outputs = self._steady(system, scales)
             return np.zeros((outputs.shape[0], 3)), starts, outputs
         steps = self.experiment.steps
@@ -436,7 +353,8 @@ class Trial:
     @property
     def capacitance(self) -> float:
         """Clamped capacitance of the piezo (F)."""
-        return self.known.get("piezo.capacitance", self.scene.transducer.capacitance)
+        piezo: Any = self.scene.transducer
+        return self.known.get("piezo.capacitance", piezo.capacitance)
 
     def _response(self, system, scales):
         """Complex voltage per base acceleration, before the sensors' effects."""
@@ -502,12 +420,12 @@ def _padded(spring: Spring) -> Spring:
     if not isinstance(spring, Polynomial):
         return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
-    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
-    filled = {}
-    for name in names:
-        values, length = getattr(spring, name), size - (name == "even_slope")
-        filled[name] = (*values, *([0.0] * (length - len(values))))
-    return spring._replace(**filled)
+    return Polynomial(
+        *(
+            (*values, *[0.0] * (size - (name == "even_slope") - len(values)))
+            for name, values in spring._asdict().items()
+        )
+    )
 
 
 def _amplitude(impedance, drive, begun):

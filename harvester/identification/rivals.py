@@ -24,18 +24,15 @@ from harvester.identification.unknowns import (
     FORCE,
     LITTLE,
     LOAD,
+    SPRING,
     as_coefficients,
     factor_key,
     factor_of,
     power_of,
+    spring_coefficients,
     with_values,
 )
-from harvester.identification.validation_record import (
-    HALF_INTERVAL,
-    SURE,
-    block_means,
-    mean_of,
-)
+from harvester.identification.validation_record import HALF_INTERVAL, SURE, block_means, mean_of
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -80,8 +77,6 @@ class Rival(NamedTuple):
         validation data; negative: better.
     error : float
         Standard error of `better`.
-    explains : bool
-        Whether its residuals are only the sensors' noise, for every record.
     remark : str
         Reason why it was not fitted.
     """
@@ -90,8 +85,17 @@ class Rival(NamedTuple):
     fitted: Any
     better: float = 0.0
     error: float = 0.0
-    explains: bool = False
     remark: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of fitted values."""
+        return len(self.fitted.keys)
+
+    @property
+    def explains(self) -> bool:
+        """Whether its residuals are only the sensors' noise, for every record."""
+        return self.fitted is not None and self.fitted.explains
 
     @property
     def is_better(self) -> bool:
@@ -100,8 +104,24 @@ class Rival(NamedTuple):
 
     @property
     def is_as_good(self) -> bool:
-        """Whether this model is not worse, within two standard errors or the share `NOTED`."""
-        return self.better < max(2.0 * self.error, 2.0 * NOTED)
+        """Whether this model is not worse than the scene's."""
+        return self.is_close(0.0, 0.0)
+
+    def is_close(self, better: float, error: float) -> bool:
+        """Whether this model is not worse than another, within two standard errors or `NOTED`."""
+        return self.better - better < max(2.0 * math.hypot(self.error, error), 2.0 * NOTED)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        fitted = ("keys", "values", "nrmse") if self.fitted else ()
+        return {
+            "model": self.name,
+            "log_ratio_of_mean_squares": self.better,
+            "standard_error": self.error,
+            "leaves_only_noise": self.explains,
+            "remark": self.remark,
+            **{name: getattr(self.fitted, name) for name in fitted},
+        }
 
 
 class NextPower(NamedTuple):
@@ -135,6 +155,24 @@ class NextPower(NamedTuple):
     def uncertain(self) -> dict[str, float]:
         """Values whose interval is wide if the spring has the next power, with their `halves`."""
         return {key: half for key, half in self.halves.items() if not half <= UNCERTAIN}
+
+    def sentences(self) -> list[str]:
+        """The changes of the spring's values, and the values that become uncertain."""
+        term, largest = f"a term of power {self.power}", max(self.moves.values(), default=0.0)
+        needed = (
+            f"{term} of the spring, which the records need by {abs(self.significance):.1f} "
+            f"standard errors, changes its values by up to {largest:.0%}"
+        )
+        return [needed] * self.is_needed + [
+            f"with {term}, which the records do not exclude, they determine "
+            f"{name_and_share(key, half, ' to')} (95 %)"
+            for key, half in self.uncertain.items()
+        ]
+
+
+def name_and_share(key: str, half: float, joint: str = "") -> str:
+    """A value's name with half of its relative interval, as text."""
+    return f"{key.rpartition('.')[2]}{joint} {f'± {half:.0%}' if half < 1.0 else 'not at all'}"
 
 
 def rival_models(
@@ -206,46 +244,7 @@ def _compared(name, base, other):
         )
         ratios += [float(ratio) for ratio in np.log(new / old)]
     mean = mean_of(np.array(ratios))
-    return Rival(name, other, mean.estimate, mean.standard_error or 0.0, other.explains)
-
-
-def proposed(models: Sequence[Rival]) -> Rival:
-    """The simplest model that predicts as well as the best model whose residuals are noise."""
-    return min(_of_the_best(models), key=lambda model: (len(model.fitted.keys), model.better))
-
-
-def undecided(models: Sequence[Rival]) -> list[Rival]:
-    """Models as simple as the proposed one that predict equally well, so that the records cannot
-    decide.
-    """
-    best = proposed(models)
-    return [
-        model
-        for model in _of_the_best(models)
-        if model is not best and len(model.fitted.keys) == len(best.fitted.keys)
-    ]
-
-
-def _of_the_best(models):
-    """Models that predict as well as the best, within two standard errors or `NOTED`."""
-    better = [model for model in models if model.is_better and model.explains]
-    if not better:
-        scene_model, *rivals = [model for model in models if model.fitted and not model.is_better]
-        simpler = [
-            model for model in rivals if len(model.fitted.keys) < len(scene_model.fitted.keys)
-        ]
-        return [scene_model, *(model for model in simpler if model.is_as_good)]
-    best = min(better, key=lambda model: model.better)
-    return [
-        model
-        for model in better
-        if model.better - best.better < max(2.0 * math.hypot(model.error, best.error), 2.0 * NOTED)
-    ]
-
-
-def _coefficients(scene):
-    """Coefficients of the spring; empty for a table."""
-    return [k or 0.0 for k in scene.oscillator.coefficients]
+    return Rival(name, other, mean.estimate, mean.standard_error or 0.0)
 
 
 def _degree(force):
@@ -254,7 +253,7 @@ def _degree(force):
 
 def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, list[str]]]:
     """Yield name, scene and keys of each model with one part less."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     degree = _degree(force)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
     options: list[tuple[str, list[float], Sequence[int]]] = []
@@ -268,12 +267,9 @@ def _plainer(scene: Scene, keys: Sequence[str]) -> Iterator[tuple[str, Scene, li
         higher = range(power + 1, len(force))
         options.append((f"spring only up to power {power}", force[: power + 1], higher))
     for name, plain, left_out in options:
-        try:
-            plain_scene = scene.replace({"oscillator.restoring_force": plain})
-        except HarvesterError:
-            continue
-        dropped = {FORCE.format(n) for n in left_out}
-        yield name, plain_scene, [key for key in as_coefficients(keys) if key not in dropped]
+        free = [key for key in as_coefficients(keys) if power_of(key) not in left_out]
+        if changed := with_values(scene, {SPRING: plain}):
+            yield name, changed, free
     if scene.oscillator.quadratic_damping > 0.0:
         yield "no drag", scene.replace({DRAG: 0.0}), [key for key in keys if key != DRAG]
     if scene.stoppers:
@@ -285,7 +281,7 @@ def _structures(
     scene: Scene, keys: Sequence[str], sizes: dict[str, float]
 ) -> Iterator[tuple[str, Scene, list[str]]]:
     """Yield name, scene and keys of each model that is fitted from the beginning."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     springs = [
         (*_next_powers(scene), 1.0),
         ("softening spring", [3], -1.0),
@@ -295,17 +291,14 @@ def _structures(
         added = [n for n in powers if n >= len(force) or force[n] == 0.0 or sign < 0.0]
         if not added or (sign < 0.0 and _degree(force) > 3):
             continue
-        changed = [*force, *[0.0] * HIGHEST_POWER][: max(len(force), *(n + 1 for n in added))]
+        spring = [*force, *[0.0] * HIGHEST_POWER][: max(len(force), added[-1] + 1)]
         for n in added:
-            changed[n] = sign * STOPPER_STIFFNESS * sizes[FORCE.format(n)]
+            spring[n] = sign * STOPPER_STIFFNESS * sizes[FORCE.format(n)]
         reach = SOFT_RANGE * sizes["stoppers.gap"]
-        limit = {"oscillator.restoring_force_range": [-reach, reach]} if sign < 0.0 else {}
-        new = [FORCE.format(n) for n in added]
-        free = [*(key for key in as_coefficients(keys) if key not in new), *new]
-        try:
-            yield name, scene.replace({"oscillator.restoring_force": changed, **limit}), free
-        except HarvesterError:
-            continue
+        limit = {f"{SPRING}_range": [-reach, reach]} if sign < 0.0 else {}
+        free = [key for key in as_coefficients(keys) if power_of(key) not in added]
+        if changed := with_values(scene, {SPRING: spring, **limit}):
+            yield name, changed, [*free, *map(FORCE.format, added)]
     if not scene.stoppers:
         table = {
             "gap": STOPPER_PLACE * sizes["stoppers.gap"],
@@ -318,7 +311,7 @@ def _structures(
 
 def _next_powers(scene):
     """Name and powers of the spring's next odd power, and of the even power below it if present."""
-    force = _coefficients(scene)
+    force = spring_coefficients(scene)
     degree = _degree(force)
     if not 1 <= degree <= HIGHEST_POWER - 2:
         return "", []
@@ -330,7 +323,7 @@ def _next_powers(scene):
 
 def _parts(base, measurements):
     """Yield name and keys of each part that can be added to the model."""
-    springs, force = [_next_powers(base.scene)], _coefficients(base.scene)
+    springs, force = [_next_powers(base.scene)], spring_coefficients(base.scene)
     if _degree(force) >= 3 and not any(force[2::2]):
         springs.append(("asymmetric spring", [2]))
     parts = [(name, [*map(FORCE.format, powers)]) for name, powers in springs if powers]
@@ -410,14 +403,16 @@ def _with_part(base, name, further, measurements, step):
     for share in STEPS:
         target = np.clip(fit.values + share * step * shooting.sizes, shooting.low, shooting.high)
         change = (target - fit.values) / shooting.sizes
-        trial = shooting.moved(fit, change, shooting.state_moves(fit, change))
+        trial = shooting.moved(fit, change)
         trials.append((shooting.cost(trial), trial))
     cost, begun = min(trials, key=lambda trial: trial[0])
     if not cost < fit.cost:
         return Rival(name, None, remark="not tried: no step towards it reduces the residuals")
     warm = replace(base, fit=begun, shooting=shooting)
-    keys, count = shooting.responses.keys, len(base.keys)
-    begun_scene = with_values(scene, further, begun.values[count:])
+    keys, count = shooting.keys, len(base.keys)
+    begun_scene = with_values(
+        scene, dict(zip(further, map(float, begun.values[count:]), strict=True))
+    )
     if begun_scene is None:
         return Rival(name, None, remark="no fit: its values are invalid in the scene")
     model = _tried(name, base, begun_scene, measurements, keys, warm)
@@ -426,7 +421,7 @@ def _with_part(base, name, further, measurements, step):
         if (moved < MOVED * shooting.sizes[count:]).all():
             return Rival(name, None, remark="not tried: its values did not change")
         if of := factor_of(further[0]):
-            stated = numbers(shooting.responses.experiments[of[1][0]].scene)[LOAD][0]
+            stated = numbers(shooting.experiments[of[1][0]].scene)[LOAD][0]
             other = stated * model.fitted.values[-1]
             model = model._replace(name=f"{name} ({other:.4g} Ω for {stated:.4g} Ω)")
     return model
@@ -448,12 +443,12 @@ def next_power(base: Fitted) -> NextPower | None:
     step = equations.step * shooting.sizes
     errors = np.sqrt(np.maximum(np.diag(equations.covariance), 0.0)) * shooting.sizes
     spring = {n: key for n, key in enumerate(base.keys) if power_of(key) and base.values[n]}
-    halves = HALF_INTERVAL * errors[: len(base.keys)] / np.abs(base.values)
+    halves = {key: HALF_INTERVAL * errors[n] / abs(base.values[n]) for n, key in spring.items()}
     return NextPower(
         max(powers),
         float(step[-1] / errors[-1]),
         {key: abs(float(step[n] / base.values[n])) for n, key in spring.items()},
-        {key: float(halves[n]) for n, key in spring.items() if power_of(key) > 1},
+        {key: float(half) for key, half in halves.items() if power_of(key) > 1},
     )
 
 
@@ -463,9 +458,8 @@ def reinterpreted(measurements: Sequence[Measurement]) -> Iterator[tuple[str, li
     yield from _without_mean(measurements, "voltage")
     yield from _without_mean(measurements, "velocity")
     # With a single channel one sign is enough, since the other gives the mirrored device.
-    turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
-    turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
-    for name in turnable:
+    channels = [name for name in ("voltage", "acceleration") if name in (*outputs, "acceleration")]
+    for name in channels[: len(outputs)]:
         key = f"sensor.{name}_scale"
         if not any(key in record.sensors for record in measurements):
             yield (

@@ -1,26 +1,22 @@
-"""Fit from several starts: first with short windows, then with longer ones from the best."""
+"""Fit from several starts: first with short windows, then with longer ones from the best.
+
+The starts of windows whose motion was not measured are searched, each window on its own.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.linear_start import starts_from
-from harvester.identification.shooting import (
-    Shooting,
-    ShootingFit,
-    placed,
-    reach_of,
-    repaired,
-    states_of,
-)
+from harvester.identification.linear_start import motion, starts_from
+from harvester.identification.response import side_by_side
+from harvester.identification.shooting import Shooting, ShootingFit, grams_of, state_inverse
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
-    from harvester.identification.response import Responses
-    from harvester.identification.unknowns import Unknown
 
 SHORT_PERIODS = 2.0
 # Maximum number of iterations: with the first short windows, at each longer length, and in the last
@@ -48,10 +44,7 @@ FEWEST_SAMPLES = 12
 
 
 def searched(
-    responses: Responses,
-    unknowns: Sequence[Unknown],
-    lengths: Sequence[int],
-    follow: Callable[[float], object],
+    problem: Shooting, lengths: Sequence[int], follow: Callable[[float], object]
 ) -> tuple[Shooting, ShootingFit] | None:
     """The best fit; None if no start leads to one.
 
@@ -62,10 +55,10 @@ def searched(
     follow : callable
         Function of the completed share.
     """
-    best, starts = None, starts_from(responses, unknowns)
+    best, starts = None, starts_from(problem)
     for number, start in enumerate(starts):
         follow(STARTS_SHARE * number / len(starts))
-        tried = _short(responses, unknowns, start, lengths)
+        tried = _short(problem, start, lengths)
         if tried and (best is None or tried[1].cost < best[1].cost):
             best = tried
     if best is None:
@@ -82,21 +75,22 @@ def searched(
     return (shooting, fit) if fit.grams else None
 
 
-def _short(responses, unknowns, start, lengths):
+def _short(problem, start, lengths):
     """A fit with short windows."""
     sizes = [
         np.array([np.std(path.x), np.std(path.v), np.std(path.state)]) for path in start.motions
     ]
     sized = [
-        unknown.begun(float(value)) for unknown, value in zip(unknowns, start.values, strict=True)
+        unknown.begun(float(value))
+        for unknown, value in zip(problem.unknowns, start.values, strict=True)
     ]
-    shooting = Shooting(responses, sized, sizes)
-    edges, noise, begun = [], [], []
-    for record, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
-        cut = short_windows(record.measurement, 0, length)
-        edges.append(cut)
-        begun.append(states_of(motion, cut[:-1]))
-        noise.append(record.measurement.assumed_noise)
+    shooting = replace(problem, unknowns=sized, state_sizes=sizes)
+    records = [record.measurement for record in problem.experiments]
+    edges = [
+        short_windows(record, 0, length) for record, length in zip(records, lengths, strict=True)
+    ]
+    begun = [path.states(cut[:-1]) for path, cut in zip(start.motions, edges, strict=True)]
+    noise = [record.assumed_noise for record in records]
     everywhere = [np.ones(len(states), bool) for states in begun]
     fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
@@ -130,7 +124,7 @@ def followed(
         follow(_longest(fit))
         short = split_windows(shooting, fit)
         # The linearization is with respect to the windows' starts alone.
-        shooting.frozen().linearized(short)
+        replace(shooting, fixed=True).linearized(short)
         longer = lengthened(fit, short, most)
         if longer is None:
             continue
@@ -165,16 +159,17 @@ def in_short_windows(
     fit : ShootingFit
         The fit with the values and the noise.
     stretches : sequence of (int, int)
-        First sample of each experiment's part, and the sample after its last one.
+        First sample of the part of each experiment, or of the first ones, and the sample after its
+        last one.
     reach : (float, float), optional
         Displacements in which the mass is searched; by default the range of the fitted motion.
     """
-    experiments = shooting.responses.experiments
+    experiments = shooting.experiments
     edges = [
         short_windows(experiment.measurement, first, last)
-        for experiment, (first, last) in zip(experiments, stretches, strict=True)
+        for experiment, (first, last) in zip(experiments, stretches, strict=False)
     ]
-    begun = ShootingFit(fit.values, edges, [], fit.noise)
+    begun = ShootingFit(fit.values, edges, [], fit.noise[: len(edges)])
     for number, cut in enumerate(edges):
         everywhere = np.ones(cut.size - 1, bool)
         span = reach or reach_of(shooting.states(fit, number)[:, 0])
@@ -192,13 +187,21 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
 
 def split_windows(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit divided into the shortest windows, whose starts are on its motion."""
-    edges, starts = [], []
-    for number, old in enumerate(fit.edges):
-        states = shooting.states(fit, number)
-        measurement = shooting.responses.experiments[number].measurement
-        cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
-        edges.append(cut)
-        starts.append(states[cut[:-1] - old[0]])
+    records = [record.measurement for record in shooting.experiments]
+    return _divided(
+        shooting,
+        fit,
+        [
+            np.union1d(old, short_windows(record, old[0], old[-1]))
+            for record, old in zip(records, fit.edges, strict=False)
+        ],
+    )
+
+
+def _divided(shooting, fit, edges):
+    """The fit with further edges of windows, whose starts are on its motion."""
+    paths = (shooting.states(fit, number) for number in range(len(edges)))
+    starts = [path[cut[:-1] - cut[0]] for path, cut in zip(paths, edges, strict=True)]
     return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
@@ -225,7 +228,11 @@ def refit_doubtful(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
         for doubtful, growth in zip(cut, fit.growth, strict=True)
     ]
     if any(windows.any() for windows in cut):
-        better = shortened(shooting, better, cut)
+        halves = []
+        for old, where in zip(better.edges, cut, strict=True):
+            long = np.diff(old) >= 2 * FEWEST_SAMPLES
+            halves.append(np.union1d(old, ((old[:-1] + old[1:]) // 2)[where & long]))
+        better = _divided(shooting, better, halves)
     if better is not fit:
         better = shooting.minimized(better, ON_THE_WAY, COARSE)
     return better if better.grams else fit
@@ -236,12 +243,9 @@ def _doubtful(fit, sums=None):
 
     `sums`: the windows' sums of squares, by default from the fit.
     """
-    doubtful = []
-    for number, edges in enumerate(fit.edges):
-        squares = fit.grams[number][:, -1, -1] if sums is None else sums[number]
-        means = squares / np.diff(edges)
-        doubtful.append(means > DOUBTFUL * np.median(means))
-    return doubtful
+    sums = sums or [grams[:, -1, -1] for grams in fit.grams]
+    means = [part / np.diff(edges) for part, edges in zip(sums, fit.edges, strict=True)]
+    return [part > DOUBTFUL * np.median(part) for part in means]
 
 
 def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
@@ -254,17 +258,15 @@ def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> Sho
     most : sequence of int
         Maximum number of samples per window, by experiment.
     """
-    edges, starts, joined = [], [], False
     if not short.grams:
         return None
-    for number, old in enumerate(short.edges):
-        first_windows = _window_begins(
-            short.transitions[number], short.growth[number], old, most[number]
-        )
-        joined |= first_windows.size < len(fit.starts[number])
-        edges.append(np.append(old[first_windows], old[-1]))
-        starts.append(short.starts[number][first_windows])
-    return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
+    parts = zip(short.transitions, short.growth, short.edges, most, strict=True)
+    begins = [_window_begins(*part) for part in parts]
+    if all(begin.size >= len(starts) for begin, starts in zip(begins, fit.starts, strict=True)):
+        return None
+    edges = [np.append(old[at], old[-1]) for at, old in zip(begins, short.edges, strict=True)]
+    starts = [states[at] for at, states in zip(begins, short.starts, strict=True)]
+    return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
 def _window_begins(transitions, growth, edges, most):
@@ -295,22 +297,123 @@ def _norms(matrices):
     return norms
 
 
-def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:
-    """The fit with some windows divided in half, the second half starting where the first ends.
+# Number of displacements to try for each window's start.
+DISPLACEMENTS = 15
+# Number of displacements per window, the best ones, from which its states are fitted.
+MOST_TRIED = 2
+ITERATIONS = 8
+# A window's fit ends if a step would lower its cost by less than this share.
+SETTLED = 1e-4
+
+
+def settled(
+    shooting: Shooting,
+    number: int,
+    fit: ShootingFit,
+    starts: np.ndarray,
+    iterations: int = ITERATIONS,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Starts at the minimum of each window's cost, and these costs.
+
+    Windows whose starts are NaN are unchanged.
+    """
+    sizes, edges = shooting.state_units(number), fit.edges[number]
+    residuals, ends, costs = shooting.residuals(fit, number, starts=starts)
+    damping = np.full(len(starts), 1e-2)
+    moving = np.isfinite(starts).all(axis=1)
+    for _ in range(iterations):
+        begun = np.where(moving[:, None], starts, np.nan)
+        columns, _ = shooting.by_states(fit, number, begun, residuals, ends)
+        grams = grams_of(np.concatenate([columns, residuals[..., None]], axis=2), edges - edges[0])
+        gradient = grams[:, :3, 3]
+        inverse = state_inverse(grams[:, :3, :3], damping[:, None])
+        step = -np.einsum("wij,wj->wi", inverse, gradient)
+        moving &= -np.einsum("wk,wk->w", gradient, step) > SETTLED * costs
+        trial = begun + step * sizes
+        trial_left, _, tried = shooting.residuals(fit, number, starts=trial)
+        better = tried < costs
+        starts = np.where(better[:, None], trial, starts)
+        residuals = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, residuals)
+        costs = np.where(better, tried, costs)
+        damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
+        if not moving.any():
+            break
+    return starts, costs
+
+
+def placed(
+    shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The best starts, fitted from displacements within `reach`, and their costs.
 
     Parameters
     ----------
-    where : sequence of ndarray of bool
-        The windows to divide, by experiment.
+    where : ndarray of bool, shape (windows,)
+        Windows to process; the others' starts are NaN.
+    reach : (float, float)
+        Minimum and maximum displacement.
     """
-    edges, starts = [], []
-    for number, old in enumerate(fit.edges):
-        states = shooting.states(fit, number)
-        cut = where[number] & (np.diff(old) >= 2 * FEWEST_SAMPLES)
-        middles = ((old[:-1] + old[1:]) // 2)[cut]
-        new = np.concatenate([old[:-1], middles])
-        order = np.argsort(new, kind="stable")
-        begun = np.concatenate([fit.starts[number], states[middles - old[0]]])
-        edges.append(np.append(new[order], old[-1]))
-        starts.append(begun[order])
-    return ShootingFit(fit.values, edges, starts, fit.noise)
+    seen = motion(shooting.at(number, fit.values))
+    begins = fit.edges[number][:-1]
+    states = np.where(where[:, None], seen.states(begins), np.nan)
+    if seen.measured:
+        return settled(shooting, number, fit, states)
+
+    def begun_at(x):
+        return np.column_stack([np.where(where, x, np.nan), states[:, 1:]])
+
+    tried = np.linspace(*reach, DISPLACEMENTS)
+    costs = side_by_side(lambda x: shooting.residuals(fit, number, starts=begun_at(x))[2], tried)
+    order = np.argsort(costs, axis=0)
+    best = states, np.full(begins.size, np.inf)
+    for rank in range(MOST_TRIED):
+        best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
+    return best
+
+
+def repaired(
+    shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
+) -> tuple[ShootingFit, list[np.ndarray]]:
+    """The fit with some windows' starts replaced by the best states.
+
+    Parameters
+    ----------
+    where : sequence of ndarray of bool, shape (windows,)
+        Windows to repair, by experiment.
+
+    Returns
+    -------
+    ShootingFit
+    list of ndarray, shape (windows,)
+        Each window's sum of squares.
+    """
+    starts, sums = [], []
+    for number, chosen in enumerate(where):
+        current = fit.starts[number]
+        best = current, shooting.residuals(fit, number)[2]
+        begun = np.where(chosen[:, None], current, np.nan)
+        best = _better(best, settled(shooting, number, fit, begun, ITERATIONS // 2))
+        current = best[0]
+        states, ends, _ = shooting.at(number, fit.values).states(fit.edges[number], current)
+        if np.isfinite(states[:, 0]).any():
+            reach = reach_of(states[:, 0])
+            best = _better(best, placed(shooting, number, fit, chosen, reach))
+            before = np.vstack([current[:1], ends[:-1]])
+            begun = np.where(chosen[:, None] & np.isfinite(before), before, begun)
+            best = _better(best, settled(shooting, number, fit, begun))
+        starts.append(best[0])
+        sums.append(best[1])
+    return ShootingFit(fit.values, fit.edges, starts, fit.noise), sums
+
+
+def _better(own, other):
+    """The better (starts, costs) of two, for each window."""
+    better = other[1] < own[1]
+    return np.where(better[:, None], other[0], own[0]), np.where(better, other[1], own[1])
+
+
+def reach_of(x: np.ndarray) -> tuple[float, float]:
+    """Range of displacements to search: from the 1 % to the 99 % quantile, extended by a tenth."""
+    low, high = np.nanquantile(x, [0.01, 0.99])
+    margin = 0.1 * (high - low)
+    return float(low - margin), float(high + margin)

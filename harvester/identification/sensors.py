@@ -40,11 +40,6 @@ VOLTAGE_EFFECTS = (*HIGHPASSES, "resistance")
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
-# If a pole per sample exceeds this magnitude, the recursion between moments is accurate. Below, the
-# quadrature gives the moments with round-off accuracy.
-SHORT_MEMORY = 5.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 # Input resistance of a typical probe (Ω), the initial value of a free resistance.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
@@ -65,11 +60,6 @@ def sensor_keys(outputs: Sequence[str]) -> list[str]:
         effects = OUTPUT_EFFECTS + (VOLTAGE_EFFECTS if output == "voltage" else ())
         keys += [f"sensor.{output}_{effect}" for effect in effects]
     return keys
-
-
-def neutral(key: str) -> float:
-    """A sensor's value without effect."""
-    return NEUTRAL.get(key.rpartition("_")[2], 0.0)
 
 
 def checked_sensors(
@@ -119,9 +109,7 @@ def integrals(
 def _without_drift(values, degree):
     """A series without its least-squares polynomial of this degree."""
     along = np.linspace(-1.0, 1.0, values.size)
-    table = np.polynomial.legendre.legvander(along, degree)
-    # Legendre polynomials are nearly orthogonal, so that the normal equations are well conditioned.
-    return values - table @ np.linalg.solve(table.T @ table, table.T @ values)
+    return values - np.polynomial.Legendre.fit(along, values, degree)(along)
 
 
 def invert_high_pass(
@@ -187,15 +175,11 @@ def _convolved(values, edges, pole, residue):
 
 
 def _moments(pole, count):
-    """∫ exp(pole (1 − τ)) τⁿ dτ from 0 to 1, n = 0 … count − 1."""
-    if abs(pole) < SHORT_MEMORY:
-        return (QUADRATURE_WEIGHTS * np.exp(pole * (1.0 - QUADRATURE_PLACES))) @ (
-            QUADRATURE_PLACES[:, None] ** np.arange(count)
-        )
-    moments = [(np.exp(pole) - 1.0) / pole]
-    for n in range(1, count):
-        moments.append((n * moments[-1] - 1.0) / pole)
-    return np.array(moments)
+    """∫ exp(pole (1 − τ)) τⁿ dτ from 0 to 1, n = 0 … count − 1: Kummer's function."""
+    from scipy.special import hyp1f1
+
+    powers = np.arange(count) + 1.0
+    return hyp1f1(1.0, powers + 1.0, pole) / powers
 
 
 def without_memory(
@@ -219,8 +203,8 @@ def without_memory(
         Time constant in samples, corners in radians per sample; None: there is no such filter. A
         free filter without effect is kept, so that the cost is continuous when its effect begins.
     """
-    cuts = edges - edges[0]
-    positions, modes = np.arange(np.diff(cuts).max()), []
+    positions = np.concatenate([np.arange(count) for count in np.diff(edges)])
+    modes = []
     if time_constant is not None:
         modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** positions)
     if corner is not None:
@@ -231,12 +215,31 @@ def without_memory(
         modes.append(np.exp(-turned) * positions * np.sinc(turned / math.pi))
     if not modes:
         return shown
-    table, corrected = np.column_stack(modes), shown.copy()
+    off, states = (shown - seen)[:, None, None], np.column_stack(modes)[:, None]
+    return seen + without_states(off, states, edges - edges[0])[:, 0, 0]
+
+
+def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
+    """Series without the part that the states at the starts of their windows explain.
+
+    Windows whose series are not finite are unchanged.
+
+    Parameters
+    ----------
+    series : ndarray, shape (samples, outputs, n)
+    states : ndarray, shape (samples, outputs, states)
+        Derivatives of the outputs by the states at the start of the window of a sample.
+    cuts : ndarray of int, shape (windows + 1,)
+    """
+    remainder = series.copy()
     for begin, end in pairwise(cuts):
-        off, columns = shown[begin:end] - seen[begin:end], table[: end - begin]
-        if np.isfinite(off).all():
-            corrected[begin:end] -= columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
-    return corrected
+        effects = states[begin:end].reshape(-1, states.shape[-1])
+        effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
+        block = series[begin:end].reshape(effects.shape[0], -1)
+        if np.isfinite(block).all():
+            explained = effects @ np.linalg.lstsq(effects, block, rcond=1e-10)[0]
+            remainder[begin:end] = (block - explained).reshape(remainder[begin:end].shape)
+    return remainder
 
 
 def parallel(resistance: float, beside: float) -> float:

@@ -7,18 +7,18 @@ three states for each window, which are eliminated window by window from the nor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.identification.linear_start import motion
-from harvester.identification.response import Responses, side_by_side
+from harvester.identification.response import INTERPOLATIONS, Trial, interpolated, side_by_side
 
 if TYPE_CHECKING:
-    from harvester.identification.linear_start import Motion
+    from harvester.identification.response import Experiment
     from harvester.identification.unknowns import Unknown
 
 # Step of the difference quotients, relative to the unknowns' sizes and the states' rms values.
@@ -61,51 +61,73 @@ class ShootingFit:
     growth: list = field(default_factory=list, repr=False)
 
 
+@dataclass(frozen=True)
 class Shooting:
     """The least-squares problem of several experiments.
 
-    Parameters
+    Attributes
     ----------
+    experiments : sequence of Experiment
+    unknowns : sequence of Unknown
+    length : float
+        Displacement unit of the states, in the scene's units: the same for all trial values.
+    interpolation : str
+        A name in `INTERPOLATIONS`.
     state_sizes : sequence of ndarray, shape (3,)
         rms of each state, by experiment; 0 for a state that does not exist.
+    fixed : bool
+        Whether the values are fixed, and the windows' starts are the only unknowns.
     """
 
-    def __init__(
-        self, responses: Responses, unknowns: Sequence[Unknown], state_sizes: Sequence[np.ndarray]
-    ) -> None:
-        self.responses = responses
-        self.unknowns = list(unknowns)
-        self.sizes = np.array([unknown.size for unknown in unknowns])
-        self.low = np.array([unknown.low for unknown in unknowns])
-        self.high = np.array([unknown.high for unknown in unknowns])
-        self.state_sizes = [np.where(sizes > 0.0, sizes, 1.0) for sizes in state_sizes]
-        self.states_there = [sizes > 0.0 for sizes in state_sizes]
+    experiments: Sequence[Experiment]
+    unknowns: Sequence[Unknown]
+    length: float
+    interpolation: str = INTERPOLATIONS[0]
+    state_sizes: Sequence[np.ndarray] = ()
+    fixed: bool = False
 
-    def frozen(self) -> Shooting:
-        """The problem with the windows' starts as its only unknowns."""
-        return self.beside(self.responses, [])
+    @cached_property
+    def keys(self) -> list[str]:
+        """Keys of the values."""
+        return [unknown.key for unknown in self.unknowns]
 
-    def beside(
-        self, responses: Responses, unknowns: Sequence[Unknown], records: int | None = None
-    ) -> Shooting:
-        """Another problem, with the sizes of this problem's states.
+    @cached_property
+    def first(self) -> np.ndarray:
+        """Initial values, shape (unknowns,)."""
+        return np.array([unknown.start for unknown in self.unknowns])
 
-        Parameters
-        ----------
-        records : int, optional
-            Number of experiments, from the first, whose sizes are used (default: all).
-        """
-        other = Shooting(responses, unknowns, [])
-        other.state_sizes = self.state_sizes[:records]
-        other.states_there = self.states_there[:records]
-        return other
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """Typical magnitudes of changes of the values, shape (unknowns,)."""
+        return np.array([unknown.size for unknown in self.unknowns])
 
-    def of_first(self, count: int, fit: ShootingFit) -> tuple[Shooting, ShootingFit]:
-        """The problem of the first experiments alone, with a fit's windows in them."""
-        responses = self.responses
-        alone = responses.replaced(responses.experiments[:count], responses.keys)
-        windows = ShootingFit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
-        return self.beside(alone, self.unknowns, count), windows
+    @cached_property
+    def low(self) -> np.ndarray:
+        """Lower bounds of the values, shape (unknowns,)."""
+        return np.array([unknown.low for unknown in self.unknowns])
+
+    @cached_property
+    def high(self) -> np.ndarray:
+        """Upper bounds of the values, shape (unknowns,)."""
+        return np.array([unknown.high for unknown in self.unknowns])
+
+    @property
+    def count(self) -> int:
+        """Number of values that are not fixed."""
+        return 0 if self.fixed else len(self.unknowns)
+
+    def state_units(self, number: int) -> np.ndarray:
+        """Units of the states of one experiment: their sizes, or 1 for a missing state."""
+        sizes = self.state_sizes[number]
+        return np.where(sizes > 0.0, sizes, 1.0)
+
+    def known(self, values: Iterable[float]) -> dict[str, float]:
+        """Values of the unknowns by key."""
+        return dict(zip(self.keys, map(float, values), strict=True))
+
+    def at(self, number: int, values: Iterable[float]) -> Trial:
+        """One experiment with values of the unknowns."""
+        return Trial(self, number, self.known(values))
 
     def residuals(
         self, fit: ShootingFit, number: int, values: Any = None, starts: Any = None
@@ -122,7 +144,7 @@ class Shooting:
         edges = fit.edges[number]
         values = fit.values if values is None else values
         starts = fit.starts[number] if starts is None else starts
-        _, ends, outputs = self.responses.states(number, values, edges, starts)
+        _, ends, outputs = self.at(number, values).states(edges, starts)
         weighted = (np.nan if outputs is None else outputs) - self.seen(number, edges)
         weighted = weighted / fit.noise[number]
         costs = np.add.reduceat(np.sum(weighted**2, axis=1), edges[:-1] - edges[0])
@@ -132,12 +154,44 @@ class Shooting:
     def states(self, fit: ShootingFit, number: int) -> Any:
         """States at the samples of one experiment of a fit, shape (samples, 3)."""
         edges, starts = fit.edges[number], fit.starts[number]
-        return self.responses.states(number, fit.values, edges, starts)[0]
+        return self.at(number, fit.values).states(edges, starts)[0]
 
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
         """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
-        outputs = self.responses.experiments[number].measurement.outputs
+        outputs = self.experiments[number].measurement.outputs
         return np.column_stack([series[edges[0] : edges[-1]] for series in outputs.values()])
+
+    def moved_by_noise(self, fit: ShootingFit, number: int, noise: np.ndarray) -> np.ndarray:
+        """Changes of one experiment's outputs caused by noise of the base's sensor.
+
+        Zero after the solution has diverged.
+
+        Parameters
+        ----------
+        noise : ndarray, shape (n, draws)
+
+        Returns
+        -------
+        ndarray, shape (samples, outputs, draws)
+        """
+        record, windows = self.experiments[number], (fit.edges[number], fit.starts[number])
+        base, path = record.measurement.acceleration, record.acceleration[self.interpolation]
+        undisturbed = self.at(number, fit.values).states(*windows)[2]
+
+        def moved(draw):
+            shaken, path_noise = draw
+            noisy = replace(
+                record,
+                measurement=replace(record.measurement, acceleration=base + shaken),
+                acceleration={self.interpolation: path + path_noise},
+            )
+            others = [*self.experiments[:number], noisy, *self.experiments[number + 1 :]]
+            trial = replace(self, experiments=others).at(number, fit.values)
+            return trial.states(*windows)[2] - undisturbed
+
+        paths = interpolated(noise, record.steps, self.interpolation)
+        changes = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
+        return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
 
     def cost(self, fit: ShootingFit) -> float:
         """Sum of squares; inf if the device diverges."""
@@ -151,7 +205,7 @@ class Shooting:
         base, ends, costs = self.residuals(fit, number)
         if not np.isfinite(costs).all():
             return None, None
-        p = len(self.unknowns)
+        p = self.count
         table = np.zeros((*base.shape, p + 4))
         table[..., -1] = base
 
@@ -179,7 +233,7 @@ class Shooting:
 
         Shapes (samples, outputs, 3) and (windows, 3, 3). `residuals`, `ends`: those of `starts`.
         """
-        sizes, lengths = self.state_sizes[number], np.diff(fit.edges[number])
+        sizes, lengths = self.state_units(number), np.diff(fit.edges[number])
         columns, transitions = np.zeros((*residuals.shape, 3)), np.zeros((len(starts), 3, 3))
 
         def of_state(k):
@@ -190,20 +244,20 @@ class Shooting:
             columns[..., k] = np.where(bounded, shifted - residuals, 0.0) / DIFFERENCE
             transitions[:, :, k] = (moved_ends - ends) / sizes / DIFFERENCE
 
-        side_by_side(of_state, np.flatnonzero(self.states_there[number]))
+        side_by_side(of_state, np.flatnonzero(self.state_sizes[number] > 0.0))
         return columns, transitions
 
     def linearized(self, fit: ShootingFit) -> bool:
         """Fill the Gram matrices of all windows; return whether the device stays bounded."""
         fit.grams, fit.transitions, fit.growth = [], [], []
-        p = len(self.unknowns)
+        p = self.count
         for number, edges in enumerate(fit.edges):
             table, transitions = self.jacobian(fit, number)
             if table is None or not np.abs(table).max() < LARGEST_SLOPE:
                 fit.grams = []
                 return False
             cuts = edges - edges[0]
-            fit.grams.append(_grams(table, cuts))
+            fit.grams.append(grams_of(table, cuts))
             fit.transitions.append(transitions)
             shares = self._shares(number, fit.noise[number])
             moved = np.linalg.norm(table[..., p:-1] * shares[:, None], axis=(1, 2))
@@ -213,57 +267,45 @@ class Shooting:
 
     def _shares(self, number, noise):
         """Noise level of each output, divided by the output's rms."""
-        outputs = self.responses.experiments[number].measurement.outputs
+        outputs = self.experiments[number].measurement.outputs
         return noise / np.array([np.std(series) for series in outputs.values()])
 
-    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
-        p = len(self.unknowns)
-        normal, gradient = self.reduced(fit, damping)
-        change = np.zeros(p)
-        if p:
-            free = np.ones(p, bool)
-            for _ in range(p + 1):
-                change[:] = 0.0
-                change[free] = -np.linalg.lstsq(
-                    normal[np.ix_(free, free)], gradient[free], rcond=1e-14
-                )[0]
-                target = fit.values / self.sizes + change
-                out = (target < self.low / self.sizes) | (target > self.high / self.sizes)
-                at = (fit.values <= self.low) | (fit.values >= self.high)
-                if not (out & at & free).any():
-                    break
-                free &= ~(out & at)
-            target = np.clip(fit.values + change * self.sizes, self.low, self.high)
-            change = (target - fit.values) / self.sizes
-        return change, self.state_moves(fit, change, damping)
+    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, float]:
+        """Change of the unknowns in sizes by the damped normal equations, and the expected decrease
+        of the cost.
+        """
+        normal, gradient, gained = self.reduced(fit, damping)
+        if not self.count:
+            return gradient, gained
+        free = np.ones(self.count, bool)
+        at = (fit.values <= self.low) | (fit.values >= self.high)
+        for _ in range(self.count + 1):
+            change = np.zeros(self.count)
+            block = normal[np.ix_(free, free)]
+            change[free] = -np.linalg.lstsq(block, gradient[free], rcond=1e-14)[0]
+            target = fit.values / self.sizes + change
+            out = (target < self.low / self.sizes) | (target > self.high / self.sizes)
+            if not (out & at & free).any():
+                break
+            free &= ~(out & at)
+        target = np.clip(fit.values + change * self.sizes, self.low, self.high)
+        change = (target - fit.values) / self.sizes
+        return change, gained - float(gradient @ change)
 
-    def state_moves(
-        self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0
-    ) -> list[np.ndarray]:
-        """Changes of all window starts due to a change of the unknowns, both in sizes."""
-        p, moves = len(self.unknowns), []
-        for grams in fit.grams:
-            inverse = _state_inverse(grams[:, p : p + 3, p : p + 3], damping)
-            right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
-            moves.append(-np.einsum("wij,wj->wi", inverse, right))
-        return moves
-
-    def reduced(self, fit: ShootingFit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and gradient of the unknowns alone, after eliminating the starts."""
-        p = len(self.unknowns)
-        normal, gradient = np.zeros((p, p)), np.zeros(p)
-        diagonal = np.zeros(p)
-        for grams in fit.grams:
-            inverse = _state_inverse(grams[:, p : p + 3, p : p + 3], damping)
-            cross = grams[:, :p, p : p + 3]
-            normal += grams[:, :p, :p].sum(axis=0)
-            diagonal += np.einsum("wii->i", grams[:, :p, :p])
-            normal -= np.einsum("wik,wkl,wjl->ij", cross, inverse, cross)
-            gradient += grams[:, :p, -1].sum(axis=0)
-            gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, grams[:, p : p + 3, -1])
-        normal += damping * np.diag(np.maximum(diagonal, 1e-300))
-        return normal, gradient
+    def reduced(
+        self, fit: ShootingFit, damping: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Normal matrix and gradient of the unknowns alone, after eliminating the starts, and the
+        decrease of the cost by the starts.
+        """
+        p, grams = self.count, np.concatenate(fit.grams)
+        normal, gradient = grams[:, :p, :p].sum(axis=0), grams[:, :p, -1].sum(axis=0)
+        normal += damping * np.diag(np.maximum(np.diag(normal), 1e-300))
+        inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
+        cross, of_starts = grams[:, :p, p : p + 3], grams[:, p : p + 3, -1]
+        normal -= np.einsum("wik,wkl,wjl->ij", cross, inverse, cross)
+        gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, of_starts)
+        return normal, gradient, float(np.einsum("wk,wkl,wl->", of_starts, inverse, of_starts))
 
     def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
         """The fit at the minimum of its cost, with unchanged windows.
@@ -280,10 +322,10 @@ class Shooting:
         damping = FIRST_DAMPING
         for _ in range(iterations):
             while damping <= MOST_DAMPING:
-                change, moves = self.step(fit, damping)
-                trial = self.moved(fit, change, moves)
+                change, promised = self.step(fit, damping)
+                trial = self.moved(fit, change, damping)
                 trial.cost = self.cost(trial)
-                last = self.promised(fit, change, moves) < tolerance * fit.cost
+                last = promised < tolerance * fit.cost
                 if last or trial.cost < fit.cost:
                     break
                 damping *= 8.0
@@ -291,8 +333,7 @@ class Shooting:
                 return fit
             if last:
                 # Such a short step does not change the linearization.
-                trial.grams, trial.transitions = fit.grams, fit.transitions
-                trial.growth = fit.growth
+                trial = replace(fit, values=trial.values, starts=trial.starts, cost=trial.cost)
                 return trial if trial.cost < fit.cost else fit
             damping = max(0.2 * damping, LEAST_DAMPING)
             if not self.linearized(trial):
@@ -302,23 +343,15 @@ class Shooting:
                 return fit
         return fit
 
-    def promised(self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """Expected decrease of the cost by a damped step, for a linear problem."""
-        p, total = len(self.unknowns), 0.0
-        for grams, move in zip(fit.grams, moves, strict=True):
-            total -= float(np.sum(grams[:, :p, -1] @ change))
-            total -= float(np.sum(grams[:, p : p + 3, -1] * move))
-        return total
-
-    def moved(
-        self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]
-    ) -> ShootingFit:
-        """The fit changed by steps in sizes."""
-        starts = [
-            states + move * size
-            for states, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
-        ]
-        values = fit.values + change * self.sizes if change.size else fit.values
+    def moved(self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0) -> ShootingFit:
+        """The fit after a change of the unknowns in sizes; its starts follow to first order."""
+        p, starts = self.count, []
+        for number, (grams, states) in enumerate(zip(fit.grams, fit.starts, strict=True)):
+            inverse = state_inverse(grams[:, p : p + 3, p : p + 3], damping)
+            right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
+            moves = np.einsum("wij,wj->wi", inverse, right)
+            starts.append(states - moves * self.state_units(number))
+        values = fit.values if self.fixed else fit.values + change * self.sizes
         return ShootingFit(values, fit.edges, starts, fit.noise)
 
     def reweighted(self, fit: ShootingFit) -> ShootingFit:
@@ -331,163 +364,16 @@ class Shooting:
         return replace(fit, noise=noise)
 
 
-def _grams(table, cuts):
+def grams_of(table: np.ndarray, cuts: np.ndarray) -> np.ndarray:
     """[J r]ᵀ[J r] of each window, from an experiment's table."""
     parts = [table[a:b].reshape(-1, table.shape[-1]) for a, b in pairwise(cuts)]
     return np.array([part.T @ part for part in parts])
 
 
-def _state_inverse(block, damping):
+def state_inverse(block: np.ndarray, damping: Any) -> np.ndarray:
     """Inverses of the normal matrices of windows' starts, with common or individual damping."""
     block, sizes = block.copy(), np.einsum("wii->wi", block)
     largest = sizes.max(axis=1, keepdims=True)
     ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
     block[:, range(3), range(3)] += ridge
     return np.linalg.inv(block)
-
-
-# Number of displacements to try for each window's start.
-DISPLACEMENTS = 15
-# Number of displacements per window, the best ones, from which its states are fitted.
-MOST_TRIED = 2
-ITERATIONS = 8
-# A window's fit ends if a step would lower its cost by less than this share.
-SETTLED = 1e-4
-
-
-def settled(
-    shooting: Shooting,
-    number: int,
-    fit: ShootingFit,
-    starts: np.ndarray,
-    iterations: int = ITERATIONS,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Starts at the minimum of each window's cost, and these costs.
-
-    Windows whose starts are NaN are unchanged.
-    """
-    sizes, edges = shooting.state_sizes[number], fit.edges[number]
-    residuals, ends, costs = shooting.residuals(fit, number, starts=starts)
-    damping = np.full(len(starts), 1e-2)
-    moving = np.isfinite(starts).all(axis=1)
-    for _ in range(iterations):
-        begun = np.where(moving[:, None], starts, np.nan)
-        columns, _ = shooting.by_states(fit, number, begun, residuals, ends)
-        grams = _grams(np.concatenate([columns, residuals[..., None]], axis=2), edges - edges[0])
-        gradient = grams[:, :3, 3]
-        inverse = _state_inverse(grams[:, :3, :3], damping[:, None])
-        step = -np.einsum("wij,wj->wi", inverse, gradient)
-        moving &= -np.einsum("wk,wk->w", gradient, step) > SETTLED * costs
-        trial = begun + step * sizes
-        trial_left, _, tried = shooting.residuals(fit, number, starts=trial)
-        better = tried < costs
-        starts = np.where(better[:, None], trial, starts)
-        residuals = np.where(np.repeat(better, np.diff(edges))[:, None], trial_left, residuals)
-        costs = np.where(better, tried, costs)
-        damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
-        if not moving.any():
-            break
-    return starts, costs
-
-
-def placed(
-    shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The best starts, fitted from displacements within `reach`, and their costs.
-
-    Parameters
-    ----------
-    where : ndarray of bool, shape (windows,)
-        Windows to process; the others' starts are NaN.
-    reach : (float, float)
-        Minimum and maximum displacement.
-    """
-    seen = motion(shooting.responses.at(number, fit.values))
-    begins = fit.edges[number][:-1]
-    states = np.where(where[:, None], states_of(seen, begins), np.nan)
-    if seen.measured:
-        return settled(shooting, number, fit, states)
-
-    def begun_at(x):
-        return np.column_stack([np.where(where, x, np.nan), states[:, 1:]])
-
-    tried = np.linspace(*reach, DISPLACEMENTS)
-    costs = side_by_side(lambda x: shooting.residuals(fit, number, starts=begun_at(x))[2], tried)
-    order = np.argsort(costs, axis=0)
-    best = states, np.full(begins.size, np.inf)
-    for rank in range(MOST_TRIED):
-        best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
-    return best
-
-
-def repaired(
-    shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
-) -> tuple[ShootingFit, list[np.ndarray]]:
-    """The fit with some windows' starts replaced by the best states.
-
-    Parameters
-    ----------
-    where : sequence of ndarray of bool, shape (windows,)
-        Windows to repair, by experiment.
-
-    Returns
-    -------
-    ShootingFit
-    list of ndarray, shape (windows,)
-        Each window's sum of squares.
-    """
-    starts, sums = [], []
-    for number, chosen in enumerate(where):
-        current = fit.starts[number]
-        best = current, shooting.residuals(fit, number)[2]
-        begun = np.where(chosen[:, None], current, np.nan)
-        best = _better(best, settled(shooting, number, fit, begun, ITERATIONS // 2))
-        current = best[0]
-        states, ends, _ = shooting.responses.states(number, fit.values, fit.edges[number], current)
-        if np.isfinite(states[:, 0]).any():
-            reach = reach_of(states[:, 0])
-            best = _better(best, placed(shooting, number, fit, chosen, reach))
-            before = np.vstack([current[:1], ends[:-1]])
-            begun = np.where(chosen[:, None] & np.isfinite(before), before, begun)
-            best = _better(best, settled(shooting, number, fit, begun))
-        starts.append(best[0])
-        sums.append(best[1])
-    return ShootingFit(fit.values, fit.edges, starts, fit.noise), sums
-
-
-def _better(own, other):
-    """The better (starts, costs) of two, for each window."""
-    better = other[1] < own[1]
-    return np.where(better[:, None], other[0], own[0]), np.where(better, other[1], own[1])
-
-
-def reach_of(x: np.ndarray) -> tuple[float, float]:
-    """Range of displacements to search: from the 1 % to the 99 % quantile, extended by a tenth."""
-    low, high = np.nanquantile(x, [0.01, 0.99])
-    margin = 0.1 * (high - low)
-    return float(low - margin), float(high + margin)
-
-
-def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Series without the part that the starts of their windows explain.
-
-    Parameters
-    ----------
-    series : ndarray, shape (samples, outputs, n)
-    states : ndarray, shape (samples, outputs, states)
-        Derivatives of the outputs by the start of the window that contains a sample.
-    cuts : ndarray of int, shape (windows + 1,)
-    """
-    remainder = series.copy()
-    for begin, end in pairwise(cuts):
-        effects = states[begin:end].reshape(-1, states.shape[-1])
-        effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
-        block = series[begin:end].reshape(effects.shape[0], -1)
-        explained = effects @ np.linalg.lstsq(effects, block, rcond=1e-10)[0]
-        remainder[begin:end] = (block - explained).reshape(remainder[begin:end].shape)
-    return remainder
-
-
-def states_of(seen: Motion, samples: np.ndarray) -> np.ndarray:
-    """A motion's states at some samples, shape (number of samples, 3)."""
-    return np.column_stack([seen.x[samples], seen.v[samples], seen.state[samples]])

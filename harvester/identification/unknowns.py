@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import named, nearest
-from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
+from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, sensor_keys
 from harvester.scene.numbers import numbers
 from harvester.scene.units import restoring_spring, setting
 
@@ -33,12 +32,15 @@ KNOWN = (
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Word for all keys that are free by default.
 DEVICE = "device"
-MASS, LOAD, FORCE = "oscillator.mass", "load.resistance", "oscillator.restoring_force[{}]"
+MASS, LOAD, SPRING = "oscillator.mass", "load.resistance", "oscillator.restoring_force"
+FORCE = f"{SPRING}[{{}}]"
 ORIGIN, DRAG = FORCE.format(0), "oscillator.quadratic_damping"
 SHORT_NAMES = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
 # A number that must be positive stays above this share of its size or initial value.
 SMALLEST_SHARE = 1e-3
 SHARE_OF_PERIOD = 0.1
+# Initial values of sensors' effects that must be positive, and of factors.
+STARTS_OF_EFFECTS = {"scale": 1.0, "resistance": PROBE}
 # Share of a size that is too small to change the motion.
 LITTLE = 1e-6
 POWERS = 8
@@ -83,16 +85,13 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
     keys = [VELOCITY_SCALE] if volts else []
     for key, (value, _) in numbers(scene).items():
         table, _, name = key.rpartition(".")
-        if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
-            continue
-        if key == ORIGIN and "displacement" not in outputs:
-            continue
+        is_of_device = table.partition("[")[0] in DEVICE_TABLES and name not in KNOWN
         # A value of 0 means that the device lacks this part.
-        if value == 0.0 and key not in (ORIGIN, "oscillator.damping"):
-            continue
-        if table in ("piezo", "coil") and "voltage" not in outputs:
-            continue
-        keys.append(key)
+        exists = value != 0.0 or key in (ORIGIN, "oscillator.damping")
+        needed = {ORIGIN: "displacement", "piezo": "voltage", "coil": "voltage"}
+        output = needed.get(key) or needed.get(table)
+        if is_of_device and exists and output in (None, *outputs):
+            keys.append(key)
     return keys
 
 
@@ -136,11 +135,13 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     specified = numbers(scene)
     result = []
     for key in keys:
-        if factor_of(key):
-            result.append(Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0))
-            continue
-        if key.startswith("sensor."):
-            result.append(_of_sensor(key, sizes))
+        if factor_of(key) or key.startswith("sensor."):
+            effect = "scale" if factor_of(key) else key.rpartition("_")[2]
+            # An effect that may be 0 starts there, as the signal without a sensor.
+            start = STARTS_OF_EFFECTS.get(effect, 0.0)
+            least = 0.0 if effect in ("filter", *HIGHPASSES) else -math.inf
+            low = SMALLEST_SHARE * start if start else least
+            result.append(Unknown(key, start, low, math.inf, start or sizes[key]))
             continue
         start, spec = specified[key]
         size = abs(start) or sizes.get(key, 0.0) or 1.0
@@ -157,6 +158,11 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
 def as_coefficients(keys: Sequence[str]) -> list[str]:
     """Keys with the spring's values replaced by coefficients of powers."""
     return [FORCE.format(SHORT_NAMES[key]) if key in SHORT_NAMES else key for key in keys]
+
+
+def spring_coefficients(scene: Scene) -> list[float]:
+    """Coefficients (F0, k1, k2, …) of the spring; empty for a force table."""
+    return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
 def spring_key(oscillator: Oscillator, power: int) -> str:
@@ -183,31 +189,15 @@ def factor_of(key: str) -> tuple[str, list[int]] | None:
     return (name, [int(number) for number in records.split(",")]) if records else None
 
 
-def _of_sensor(key, sizes):
-    """A free effect of a sensor, which starts at its value without effect."""
-    effect = key.rpartition("_")[2]
-    if effect == "resistance":
-        return Unknown(key, PROBE, SMALLEST_SHARE * PROBE, math.inf, PROBE)
-    if effect == "scale":
-        return Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0)
-    low = 0.0 if effect in ("filter", *HIGHPASSES) else -math.inf
-    return Unknown(key, neutral(key), low, math.inf, sizes[key])
-
-
-def with_values(
-    scene: Scene,
-    keys: Sequence[str],
-    values: Iterable[float],
-    others: Mapping[str, float] = MappingProxyType({}),
-) -> Scene | None:
-    """The scene with these numbers and others; None if they are invalid."""
+def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene | None:
+    """The scene with these values, except those of sensors and factors; None if it is invalid."""
     changes = {
-        key: float(value)
-        for key, value in zip(keys, values, strict=True)
+        key: value
+        for key, value in values.items()
         if not key.startswith("sensor.") and not factor_of(key)
     }
     try:
-        return scene.replace({**changes, **others})
+        return scene.replace(changes)
     except SceneError:
         return None
 
@@ -222,24 +212,20 @@ def sizes_of(
     reach, speed : float
         Largest displacement and rms velocity, in the scene's units.
     """
-    force = [k or 0.0 for k in scene.oscillator.coefficients]
+    force = spring_coefficients(scene)
     # The largest contribution of a power of the spring at the largest displacement.
     greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
     if scene.oscillator.force_table is not None:
         greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
     greatest = greatest or 1.0
-    sizes = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
-    sizes["oscillator.linear_stiffness"] = greatest / reach
-    sizes["oscillator.cubic_stiffness"] = greatest / reach**3
+    powers: dict[str, float] = {**{FORCE.format(n): n for n in range(POWERS)}, **SHORT_NAMES}
+    powers["stoppers.stiffness"] = 1.5
+    sizes = {key: greatest / reach**n for key, n in powers.items()}
     damping = scene.oscillator.damping or 1e-2 * greatest / speed
-    sizes["oscillator.damping"] = damping
-    sizes["oscillator.quadratic_damping"] = damping / speed
-    sizes["stoppers.gap"] = reach
-    sizes["stoppers.stiffness"] = greatest / reach**1.5
+    sizes |= {"oscillator.damping": damping, DRAG: damping / speed, "stoppers.gap": reach}
     frequency = measurements[0].frequencies[0]
     for name in ("acceleration", "voltage"):
-        for effect in HIGHPASSES:
-            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
+        sizes |= {f"sensor.{name}_{effect}": SHARE_OF_PERIOD * frequency for effect in HIGHPASSES}
     base = measurements[0].acceleration
     sizes["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
     for name, values in measurements[0].sensed.items():

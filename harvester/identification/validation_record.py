@@ -18,13 +18,15 @@ import numpy as np
 
 from harvester.base.formatting import with_error
 from harvester.identification.measured_response import MeasuredImpedance
-from harvester.identification.response import NO_STATES, Responses
-from harvester.identification.sensors import integrals
-from harvester.identification.shooting import Shooting, ShootingFit, without_states
+from harvester.identification.response import NO_STATES
+from harvester.identification.sensors import integrals, without_states
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.scene.units import load_resistance
 from harvester.statistics.agreement import differ
 from harvester.statistics.estimate import Estimate, root
 
+# Keys in JSON of the mean power (or mean square) of a record and of its predictions.
+ESTIMATES = ("measured", "predicted", "relative_difference", "free")
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
 # Number of blocks of a record, from whose scatter error bars are computed.
@@ -193,6 +195,22 @@ class ValidationRecord:
         """Autocorrelation of the residuals over a period of the motion."""
         return _whiteness(self.residuals[:, output], self.rate / self.motion)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, without the samples."""
+        estimates = dict(zip(ESTIMATES, (*self.powers(), self.free_power()), strict=True))
+        return {
+            "name": self.name,
+            "outputs": self.outputs,
+            "nrmse": {name: self.nrmse(n) for n, name in enumerate(self.outputs)},
+            "sensor_noise": {name: self.noise(n) for n, name in enumerate(self.outputs)},
+            "windows": self.windows,
+            "compared": self.compared[0],
+            **{
+                name: {"estimate": value.estimate, "standard_error": value.standard_error}
+                for name, value in estimates.items()
+            },
+        }
+
     @property
     def shows_motion(self) -> bool:
         """Whether the model explains more than chance, or its residuals exceed noise.
@@ -347,13 +365,12 @@ class WholeRecord(ValidationRecord):
         claim = "claimed" if self.claimed else f"not claimed ({self.outside})"
         outcome = "within its interval" if self.holds else "not as predicted"
         quantity, unit = self.compared
-        measured, expected = (
-            f"{orbit}, rms {_text(rms, self.rms_unit)}, {quantity} {_text(power, unit)}"
-            for orbit, rms, power in (
-                (self.measured_orbit, self.measured_rms, self.powers()[0]),
-                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
-            )
-        )
+
+        def outcome_of(orbit, rms, power):
+            return f"{orbit}, rms {_text(rms, self.rms_unit)}, {quantity} {_text(power, unit)}"
+
+        measured = outcome_of(self.measured_orbit, self.measured_rms, self.powers()[0])
+        expected = outcome_of(self.predicted_orbit, self.predicted_rms, self.predicted_power)
         fitted_values = self.own.items() if self.follows else ()
         values = ", ".join(f"{key} = {_text(value, '')}" for key, value in fitted_values)
         return (
@@ -408,28 +425,28 @@ def _within(measured: Estimate, expected: Estimate) -> bool:
 
 def prediction(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRecord:
     """Predict one record with a fit's values, in the fit's windows."""
-    responses, edges, starts = shooting.responses, fit.edges[number], fit.starts[number]
-    experiment = responses.experiments[number]
+    edges, starts = fit.edges[number], fit.starts[number]
+    experiment, trial = shooting.experiments[number], shooting.at(number, fit.values)
     measurement, scene = experiment.measurement, experiment.scene
     return ValidationRecord(
         name=measurement.name,
         outputs=tuple(measurement.outputs),
         rate=measurement.sampling_rate,
         measured=shooting.seen(number, edges),
-        windowed=responses.states(number, fit.values, edges, starts)[2],
-        free=responses.states(number, fit.values, edges[[0, -1]], starts[:1])[2],
+        windowed=trial.states(edges, starts)[2],
+        free=trial.states(edges[[0, -1]], starts[:1])[2],
         windows=edges.size - 1,
         resistance=load_resistance(scene) if scene.units == "SI" else None,
         motion=measurement.frequencies[0],
     )
 
 
-def predicted_lines(responses: Responses, values: np.ndarray, number: int) -> ResponseRecord:
+def predicted_lines(problem: Shooting, values: np.ndarray, number: int) -> ResponseRecord:
     """Predict the validation lines of a response or an impedance."""
-    measurement: Any = responses.experiments[number].measurement
+    measurement: Any = problem.experiments[number].measurement
     measured = np.column_stack(list(measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
-    _, _, simulated = responses.states(number, values, edges, NO_STATES)
+    _, _, simulated = problem.at(number, values).states(edges, NO_STATES)
     frequency = measurement.frequency
     is_impedance = isinstance(measurement, MeasuredImpedance)
     return (ImpedanceRecord if is_impedance else ResponseRecord)(
@@ -469,15 +486,12 @@ def drawn_base_noise(
 
     The noise has the power of the floor of the record's spectrum.
     """
-    measurement = shooting.responses.experiments[number].measurement
+    measurement = shooting.experiments[number].measurement
     base, rms = measurement.acceleration, float(np.std(measurement.acceleration))
     floor = noise_floor(base, measurement.sampling_rate)
     size = float(np.clip(floor, LEAST_BASE_NOISE * rms, MOST_BASE_NOISE * rms))
     noise = size * random.standard_normal((base.size, draws))
-    changes = shooting.responses.moved_by_noise(
-        number, noise, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return changes / fit.noise[number][:, None]
+    return shooting.moved_by_noise(fit, number, noise) / fit.noise[number][:, None]
 
 
 @dataclass(frozen=True)
@@ -534,35 +548,30 @@ def validated(shooting: Shooting, fit: ShootingFit, number: int) -> ValidationRe
             Unexplained(name, math.inf, 0.0, math.inf, math.nan, False) for name in record.outputs
         ]
         return replace(record, unexplained=tuple(parts))
-    measurement = shooting.responses.experiments[number].measurement
+    measurement = shooting.experiments[number].measurement
     edges, noise, parts = fit.edges[number], fit.noise[number], []
     cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
     residuals, starts = table[..., -1], table[..., :-1]
     drawn = without_states(_drawn(shooting, fit, number, record.measured), starts, cuts)
-    simulated = residuals * noise + record.measured
     for output, name in enumerate(record.outputs):
-        columns = _signals(measurement, inside, simulated[:, output])
+        columns = _signals(measurement, inside, record.windowed[:, output])
         alone = np.zeros((*record.measured.shape, columns.shape[1]))
         alone[:, output] = columns
         signals = without_states(alone, starts, cuts)[:, output]
         spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
         explained, ratio = _regressed(residuals[:, output], signals, spectrum)
         unit = float(noise[output] / np.std(record.measured[:, output]))
-        rms, drawn_rms, systematic = (
-            unit * _rms(residuals[:, output]),
-            unit * _rms(drawn[:, output]),
-            unit * explained,
-        )
-        follows = ratio >= SYSTEMATIC and systematic >= UNNOTICED
-        large = rms > TOO_LARGE * drawn_rms and rms**2 - drawn_rms**2 > UNNOTICED**2
+        left, of_noise = unit * _rms(residuals[:, output]), unit * _rms(drawn[:, output])
+        follows = ratio >= SYSTEMATIC and unit * explained >= UNNOTICED
+        large = left > TOO_LARGE * of_noise and left**2 - of_noise**2 > UNNOTICED**2
         is_noise = not (follows or large)
-        parts.append(Unexplained(name, rms, drawn_rms, systematic, ratio, is_noise))
+        parts.append(Unexplained(name, left, of_noise, unit * explained, ratio, is_noise))
     return replace(record, unexplained=tuple(parts))
 
 
 def _drawn(shooting, fit, number, measured):
     """Simulated weighted residuals of a right model, shape (samples, outputs, draws)."""
-    rate = shooting.responses.experiments[number].measurement.sampling_rate
+    rate = shooting.experiments[number].measurement.sampling_rate
     random = np.random.default_rng(0)
     drawn = drawn_base_noise(shooting, fit, number, random, DRAWS)
     floors = np.array([noise_floor(series, rate) for series in measured.T]) / fit.noise[number]
@@ -598,8 +607,9 @@ def _regressed(residuals, signals, spectrum):
 
 def _smooth(spectrum):
     """Average a spectrum over adjacent lines."""
-    padded = np.pad(spectrum, LINES // 2, "edge")
-    return np.convolve(padded, np.full(LINES, 1.0 / LINES), "valid")
+    from scipy.ndimage import uniform_filter1d
+
+    return uniform_filter1d(spectrum, LINES, mode="nearest")
 
 
 def _rms(values):

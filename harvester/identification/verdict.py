@@ -23,10 +23,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from harvester.base.formatting import share_with_error, with_error
-from harvester.identification.rivals import NextPower, Rival, proposed, undecided
+from harvester.identification.rivals import NextPower, Rival, name_and_share
 from harvester.identification.validation_record import (
     HALF_INTERVAL,
     ImpedanceRecord,
@@ -37,48 +38,6 @@ from harvester.identification.validation_record import (
 if TYPE_CHECKING:
     from harvester.identification.identifiability import Assumption
     from harvester.identification.kept_aside import Visited
-
-
-@dataclass(frozen=True)
-class FitEvidence:
-    """Evidence for a verdict.
-
-    Attributes
-    ----------
-    records : sequence of ValidationRecord
-        Validation records of the fitted measurements, with their residuals.
-    rivals : sequence of Rival
-        All models, the scene's own first.
-    spring : NextPower or None
-        Comparison with the model with the spring's next power.
-    errors : dict of str to float
-        Relative standard error of each fitted value.
-    assumptions : sequence of Assumption
-        Assumed gains and values, with the effects of their errors.
-    whole : sequence of WholeRecord
-        Records that no fit used.
-    visited : Visited or None
-        Ranges covered by the records.
-    """
-
-    records: Sequence[ValidationRecord]
-    rivals: Sequence[Rival] = ()
-    spring: NextPower | None = None
-    errors: Mapping[str, float] = field(default_factory=dict)
-    assumptions: Sequence[Assumption] = ()
-    whole: Sequence[WholeRecord] = ()
-    visited: Visited | None = None
-
-    @property
-    def left(self) -> str:
-        """Text on the residual of the worst record, and the residual of noise alone."""
-        part = self.worst.worst
-        return f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
-
-    @property
-    def worst(self) -> ValidationRecord:
-        """The record with the largest residual beyond noise; unexplained records come first."""
-        return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
 
 
 @dataclass(frozen=True)
@@ -106,15 +65,6 @@ class FitVerdict:
         return self.word == "predicts"
 
 
-def verdict(evidence: FitEvidence) -> FitVerdict:
-    """The first of `RULES` whose condition is met."""
-    rule, reason = next(
-        (rule, reason) for rule in RULES if (reason := rule.condition(evidence)) is not None
-    )
-    opening = OPENINGS[rule.word].format(left=evidence.left)
-    return FitVerdict(rule.word, f"{opening}; {reason}" if reason else opening, rule.advice)
-
-
 class Rule(NamedTuple):
     """A line of the table above; the condition returns its reason as text, or None."""
 
@@ -130,18 +80,16 @@ def _nothing(evidence):
 
 
 def _better_rival(evidence):
-    if not evidence.rivals or not (best := proposed(evidence.rivals)).is_better:
+    if not evidence.rivals or not (best := evidence.proposed).is_better:
         return None
-    others = ", or another," if undecided(evidence.rivals) else ""
+    others = ", or another," if evidence.undecided else ""
     return f"{best.name}{others} has a residual of {best.fitted.nrmse:.2%} and is proposed"
 
 
 def _unexplained(evidence):
     if evidence.worst.is_explained:
         return None
-    if not evidence.rivals[1:]:
-        return ""
-    return "no rival model explains the residual"
+    return "no rival model explains the residual" if evidence.rivals[1:] else ""
 
 
 def _needed_power(evidence):
@@ -168,12 +116,12 @@ def _is_needed(evidence, assumption):
 
 
 def _not_as_predicted(evidence):
-    refuted = [record.name for record in evidence.whole if record.claimed and not record.holds]
+    refuted = [record.name for record in evidence.kept_aside if record.claimed and not record.holds]
     return f"{refuted[0]} is not as predicted" if refuted else None
 
 
 def _not_followed(evidence):
-    unfollowed = [record for record in evidence.whole if not record.follows]
+    unfollowed = [record for record in evidence.kept_aside if not record.follows]
     if not unfollowed:
         return None
     left, name = unfollowed[0].left, unfollowed[0].name
@@ -184,20 +132,20 @@ def _uncertain_spring(evidence):
     if evidence.spring is None or not evidence.spring.uncertain:
         return None
     key, half = max(evidence.spring.uncertain.items(), key=lambda item: item[1])
-    return f"the records do not distinguish its spring from others: {_name(key)} {_share(half)}"
+    return f"the records do not distinguish its spring from others: {name_and_share(key, half)}"
 
 
 def _caveat(evidence):
     """Text on the main caveat of a model that predicts."""
-    if evidence.whole:
-        claimed = sum(record.claimed for record in evidence.whole)
+    if evidence.kept_aside:
+        claimed = sum(record.claimed for record in evidence.kept_aside)
         held = " and agree" if claimed else ""
-        return f"{claimed} of {len(evidence.whole)} validation records are claimed{held}"
+        return f"{claimed} of {len(evidence.kept_aside)} validation records are claimed{held}"
     if all(isinstance(record, ImpedanceRecord) for record in evidence.records):
         return "valid for small motion with the base clamped"
     if evidence.visited is None:
         return "valid for small motion"
-    values = dependent(evidence).values()
+    values = evidence.dependent.values()
     of_gains = sum(any(name.startswith("sensor.") for name in names) for names in values)
     if of_gains:
         return f"{of_gains} values are only as accurate as the sensors' gains"
@@ -245,83 +193,6 @@ TOLD = 0.1
 CERTAIN = 4.0
 
 
-def dependent(evidence: FitEvidence) -> dict[str, list[str]]:
-    """Gains and other assumed values on whose accuracy each fitted value depends, by key."""
-    mixed: dict[str, list[str]] = {}
-    for assumption in evidence.assumptions:
-        for key, move in assumption.moves.items():
-            if not abs(move) * assumption.error <= DEPENDS * evidence.errors[key]:
-                mixed.setdefault(key, []).append(_label(evidence, assumption))
-    return mixed
-
-
-def _label(evidence, assumption):
-    """Name of an assumed value, with its records unless it applies to all."""
-    if len(assumption.records) == len(evidence.records):
-        return assumption.key
-    return f"{assumption.key} of {', '.join(assumption.records)}"
-
-
-def findings(evidence: FitEvidence) -> list[str]:
-    """Evidence for the verdict: one sentence for each record, assumption and rival."""
-    lines = []
-    if evidence.visited:
-        lines.append(f"covered ranges: {evidence.visited.ranges}")
-        lines.append(f"extrapolated: {', '.join(evidence.visited.extrapolated)}")
-    for record in evidence.records:
-        lines += [_residual_line(record, part) for part in record.unexplained]
-        lines.append(_power(record))
-    mixed = {name for names in dependent(evidence).values() for name in names}
-    lines += [str(entry) for entry in evidence.assumptions if _label(evidence, entry) in mixed]
-    spring = evidence.spring
-    if spring and spring.is_needed:
-        lines.append(
-            f"a term of power {spring.power} of the spring, which the records need by "
-            f"{abs(spring.significance):.1f} standard errors, changes its values by up to "
-            f"{max(spring.moves.values()):.0%}"
-        )
-    if spring:
-        lines += [
-            f"with a term of power {spring.power}, which the records do not exclude, they "
-            f"determine {_name(key)} to {_share(half)} (95 %)"
-            for key, half in spring.uncertain.items()
-        ]
-    lines += map(str, evidence.whole)
-    if claimed := [record for record in evidence.whole if record.claimed]:
-        held = sum(record.holds for record in claimed)
-        rms = [record.predicted_rms for record in claimed]
-        widths = [
-            HALF_INTERVAL * (estimate.standard_error or 0.0) / estimate.estimate for estimate in rms
-        ]
-        lines.append(
-            f"predictions of {len(claimed)} of {len(evidence.whole)} validation records are "
-            f"claimed, {held} agree within their intervals, of ± {min(widths):.1%} to "
-            f"{max(widths):.1%} of rms"
-        )
-    return lines + _rival_lines(evidence.rivals)
-
-
-def _rival_lines(rivals):
-    """Residual of each rival, or the reason why it was not fitted."""
-    best, equal = (proposed(rivals), undecided(rivals)) if rivals else (None, [])
-    lines: list[str] = []
-    untried: dict[str, list[str]] = {}
-    for rival in rivals[1:]:
-        if rival.fitted is None:
-            untried.setdefault(rival.remark, []).append(rival.name)
-            continue
-        end = "only noise" if rival.explains else "more than noise"
-        if rival is best:
-            end = "proposed"
-        elif rival in equal:
-            end = "as good as the proposed one"
-        lines.append(
-            f"rival {rival.name}: {len(rival.fitted.keys)} values, residual "
-            f"{rival.fitted.nrmse:.2%} NRMSE, {end}"
-        )
-    return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]
-
-
 def _residual_line(record, part):
     text = f"{record.name}, {record.aside}: {part.output} NRMSE {part.left:.2%}, {part.noise:.2%} "
     followed = f"; {part.systematic:.2%} depend on the motion" if record.long else ""
@@ -341,10 +212,133 @@ def _power(record):
     return text
 
 
-def _share(half):
-    """Half of a relative interval as text."""
-    return f"± {half:.0%}" if half < 1.0 else "not at all"
+@dataclass(frozen=True)
+class FitEvidence:
+    """Evidence for a verdict.
 
+    Attributes
+    ----------
+    records : sequence of ValidationRecord
+        Validation records of the fitted measurements, with their residuals.
+    rivals : sequence of Rival
+        All compared models, the scene's own first.
+    spring : NextPower or None
+        Comparison with the model with the spring's next power.
+    errors : dict of str to float
+        Relative standard error of each fitted value.
+    assumptions : sequence of Assumption
+        Assumed gains and values, with the effects of their errors.
+    kept_aside : sequence of WholeRecord
+        Predictions of the measurements that were not fitted.
+    visited : Visited or None
+        Ranges covered by the records; None if there are only frequency responses.
+    """
 
-def _name(key):
-    return key.rpartition(".")[2]
+    records: Sequence[ValidationRecord]
+    rivals: Sequence[Rival] = ()
+    spring: NextPower | None = None
+    errors: Mapping[str, float] = field(default_factory=dict)
+    assumptions: Sequence[Assumption] = ()
+    kept_aside: Sequence[WholeRecord] = ()
+    visited: Visited | None = None
+
+    @cached_property
+    def verdict(self) -> FitVerdict:
+        """The first of `RULES` whose condition is met."""
+        rule, reason = next(
+            (rule, reason) for rule in RULES if (reason := rule.condition(self)) is not None
+        )
+        part = self.worst.worst
+        left = f"{part.output} to {part.left:.2%} (noise {part.noise:.2%})"
+        opening = OPENINGS[rule.word].format(left=left)
+        return FitVerdict(rule.word, f"{opening}; {reason}" if reason else opening, rule.advice)
+
+    @property
+    def worst(self) -> ValidationRecord:
+        """The record with the largest residual beyond noise; unexplained records come first."""
+        return max(self.records, key=lambda record: (not record.is_explained, record.worst.beyond))
+
+    @property
+    def best(self) -> list[Rival]:
+        """Models that predict as well as the best model whose residuals are noise.
+
+        If no model is better than the scene's, they are the scene's and simpler ones.
+        """
+        better = [model for model in self.rivals if model.is_better and model.explains]
+        if better:
+            best = min(better, key=lambda model: model.better)
+            return [model for model in better if model.is_close(best.better, best.error)]
+        own, *others = [model for model in self.rivals if model.fitted and not model.is_better]
+        return [own, *(other for other in others if other.size < own.size and other.is_as_good)]
+
+    @property
+    def proposed(self) -> Rival:
+        """The simplest of the best models."""
+        return min(self.best, key=lambda model: (model.size, model.better))
+
+    @property
+    def undecided(self) -> list[Rival]:
+        """Other models of the best that are as simple: the records cannot decide."""
+        chosen = self.proposed
+        return [model for model in self.best if model is not chosen and model.size == chosen.size]
+
+    @property
+    def dependent(self) -> dict[str, list[str]]:
+        """Gains and other assumed values on whose accuracy each fitted value depends, by key."""
+        mixed: dict[str, list[str]] = {}
+        for assumption in self.assumptions:
+            for key, move in assumption.moves.items():
+                if not abs(move) * assumption.error <= DEPENDS * self.errors[key]:
+                    mixed.setdefault(key, []).append(self._label(assumption))
+        return mixed
+
+    def _label(self, assumption):
+        """Name of an assumed value, with its records unless it applies to all."""
+        if len(assumption.records) == len(self.records):
+            return assumption.key
+        return f"{assumption.key} of {', '.join(assumption.records)}"
+
+    def evidence(self) -> list[str]:
+        """One sentence for each record, assumption and rival."""
+        lines = []
+        if self.visited:
+            lines.append(f"covered ranges: {self.visited.ranges}")
+            lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
+        for record in self.records:
+            lines += [_residual_line(record, part) for part in record.unexplained]
+            lines.append(_power(record))
+        mixed = {name for names in self.dependent.values() for name in names}
+        lines += [str(entry) for entry in self.assumptions if self._label(entry) in mixed]
+        lines += self.spring.sentences() if self.spring else []
+        lines += map(str, self.kept_aside)
+        if claimed := [record for record in self.kept_aside if record.claimed]:
+            held = sum(record.holds for record in claimed)
+            rms = [record.predicted_rms for record in claimed]
+            widths = [
+                HALF_INTERVAL * (value.standard_error or 0.0) / value.estimate for value in rms
+            ]
+            lines.append(
+                f"predictions of {len(claimed)} of {len(self.kept_aside)} validation records are "
+                f"claimed, {held} agree within their intervals, of ± {min(widths):.1%} to "
+                f"{max(widths):.1%} of rms"
+            )
+        return lines + self._rival_lines()
+
+    def _rival_lines(self):
+        """Residual of each rival, or the reason why it was not fitted."""
+        lines: list[str] = []
+        untried: dict[str, list[str]] = {}
+        for rival in self.rivals[1:]:
+            if rival.fitted is None:
+                untried.setdefault(rival.remark, []).append(rival.name)
+                continue
+            end = "only noise" if rival.explains else "more than noise"
+            if rival is self.proposed:
+                end = "proposed"
+            elif rival in self.undecided:
+                end = "as good as the proposed one"
+            lines.append(
+                f"rival {rival.name}: {rival.size} values, residual {rival.fitted.nrmse:.2%} "
+                f"NRMSE, {end}"
+            )
+        return lines + [f"{remark}: {', '.join(names)}" for remark, names in untried.items()]

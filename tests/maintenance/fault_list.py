@@ -627,14 +627,14 @@ FAULTS = [
     ),
     Fault(
         "identification: starts of windows are taken for known",
-        "harvester/identification/shooting.py",
+        "harvester/identification/sensors.py",
         "(block - explained)",
         "(block - 0.0 * explained)",
         OF_INTERVALS,
     ),
     Fault(
         "identification: a rival that leaves more than noise is proposed",
-        "harvester/identification/rivals.py",
+        "harvester/identification/verdict.py",
         "if model.is_better and model.explains]",
         "if model.is_better]",
         ("harvester/identification/test_verdict.py",),

@@ -10,25 +10,32 @@ from scipy.stats import norm
 
 from harvester.identification.intervals import HALF_INTERVAL, covariance, normal_equations
 from harvester.identification.response import Experiment
-from harvester.identification.shooting import without_states
+from harvester.identification.sensors import without_states
 
 SAMPLES, WINDOWS, UNKNOWNS = 6000, 3, 8
 EDGES = np.linspace(0, SAMPLES, WINDOWS + 1).astype(int)
 
 
-def fitted(effects, starts, residuals, edges=EDGES, responses=None, noise=None, solve=covariance):
+def fitted(effects, starts, residuals, edges=EDGES, base=None, solve=covariance):
     """What `covariance` asks for, of a model that is linear in unknowns and windows' starts.
 
     Shapes (samples, outputs, unknowns), (samples, outputs, 3) and (samples, outputs).
     """
     table = np.concatenate([effects, starts, residuals[..., None]], axis=2)
+    base = np.zeros(len(residuals)) if base is None else base
+    shown = SimpleNamespace(acceleration=base, sampling_rate=1.0)
     shooting = SimpleNamespace(
         unknowns=[None] * effects.shape[2],
-        responses=responses or SimpleNamespace(experiments=[None]),
+        experiments=[Experiment(shown, None, 2)],
         sizes=np.ones(effects.shape[2]),
         jacobian=lambda fit, number: (table, None),
+        moved_by_noise=lambda fit, number, noise: np.repeat(
+            resonant(noise)[:, None], residuals.shape[1], axis=1
+        ),
     )
-    fit = SimpleNamespace(edges=[edges], values=None, starts=[None], noise=[noise])
+    fit = SimpleNamespace(
+        edges=[edges], values=None, starts=[None], noise=[np.ones(residuals.shape[1])]
+    )
     return solve(shooting, fit)
 
 
@@ -115,13 +122,8 @@ def width_ratio(seed, output_noise, starts, edges):
         without_states(values[:, None, None], starts[:, None], edges)[:, 0, 0]
         for values in (left, effect)
     )
-    shown = SimpleNamespace(acceleration=base, sampling_rate=1.0)
-    responses = SimpleNamespace(
-        experiments=[Experiment(shown, None, 2, {})],
-        moved_by_noise=lambda number, noise, *fit: resonant(noise)[:, None],
-    )
     columns = effect[:, None, None], starts[:, None], left[:, None]
-    variance = fitted(*columns, edges, responses, np.ones(1))[0, 0]
+    variance = fitted(*columns, edges, base)[0, 0]
     back, square = resonant(seen[::-1]), seen @ seen
     exact = (BASE_NOISE**2 * back @ back + output_noise**2 * square) / square**2
     return np.sqrt(variance / exact)

@@ -9,7 +9,6 @@ from scipy import signal
 
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement
-from harvester.identification.rivals import proposed, undecided
 from harvester.identification.sensors import integrals
 
 # 10 g at 20 Hz, hardening within 2 mm, under an rms acceleration of 9 m/s².
@@ -127,7 +126,7 @@ def case(name):
 def test_a_rival_is_found_where_it_is_the_truth(name):
     found = identify(*case(name))
     assert found.verdict.word == "wrong", found.sentences()
-    equal = [proposed(found.rivals), *undecided(found.rivals)]
+    equal = [found.proposed, *found.undecided]
     assert any(rival.name.startswith(name) for rival in equal), found.sentences()
 
 

@@ -74,7 +74,7 @@ def test_a_spring_s_values_lie_within_what_another_power_leaves():
     """A softening spring of fifth degree under single sines, fitted by a cubic one."""
     scene, records, truth, _ = a_set(0, "softening spring")
     found = identify(scene, records, compare=False)
-    shape, key = found.evidence.spring, "oscillator.restoring_force[3]"
+    shape, key = found.spring, "oscillator.restoring_force[3]"
     off = abs(found.values[key] / numbers(truth)[key][0] - 1.0)
     assert off > 0.1
     assert off < shape.halves[key]
@@ -98,9 +98,8 @@ def test_leaving_records_out_gives_the_variance_of_a_mean_of_means():
         off = mean - means.mean()
         table[0, 0, 0], table[0, 0, -1], table[0, -1, 0] = samples, -samples * off, -samples * off
         grams.append(table)
-    unknown = Unknown("a", 0.0, -np.inf, np.inf, 10.0)
-    shooting = Shooting(None, [unknown], [])
-    shooting.sizes = np.array([1.0])
+    unknown = Unknown("a", 0.0, -np.inf, np.inf, 1.0)
+    shooting = Shooting([], [unknown], 1.0)
     edges = [np.array([0, samples])] * 4
     fit = ShootingFit(np.array([means.mean()]), edges, [], [], grams=grams)
     found = moved_by_records(shooting, fit, 4)[0, 0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.identification.identifiability import Assumption
-from harvester.identification.rivals import NextPower, Rival, proposed
+from harvester.identification.rivals import NextPower, Rival
 from harvester.identification.validation_record import (
     ImpedanceRecord,
     ResponseRecord,
@@ -14,7 +14,7 @@ from harvester.identification.validation_record import (
     ValidationRecord,
     WholeRecord,
 )
-from harvester.identification.verdict import FitEvidence, dependent, verdict
+from harvester.identification.verdict import FitEvidence
 from harvester.statistics.estimate import Estimate
 
 RATE, SAMPLES = 100.0, 4000
@@ -45,8 +45,8 @@ def response(measured, predicted, kind=ResponseRecord):
 
 
 def rival(name, better, explains, keys=2, nrmse=0.01):
-    model = SimpleNamespace(keys=["a"] * keys, nrmse=nrmse)
-    return Rival(name, model, better, 0.01, explains)
+    model = SimpleNamespace(keys=["a"] * keys, nrmse=nrmse, explains=explains)
+    return Rival(name, model, better, 0.01)
 
 
 GOOD = in_time(MOTION + 0.01 * NOISE, MOTION)
@@ -55,7 +55,7 @@ BAD = in_time(MOTION + 0.01 * NOISE, -0.5 * MOTION, is_noise=False)
 
 @pytest.mark.parametrize("predicted", [0.0 * NOISE, 0.05 * NOISE[::-1], 1e-3 * MOTION])
 def test_white_noise_is_nothing_to_judge_by(predicted):
-    given = verdict(FitEvidence([in_time(NOISE, predicted)]))
+    given = FitEvidence([in_time(NOISE, predicted)]).verdict
     assert given.word == "nothing"
     assert not given.good
     assert given.sentence.startswith("no evidence: the model explains no more than chance")
@@ -63,18 +63,18 @@ def test_white_noise_is_nothing_to_judge_by(predicted):
 
 def test_a_response_of_noise_is_nothing_to_judge_by():
     measured = NOISE[:400].reshape(200, 2)
-    assert verdict(FitEvidence([response(measured, 0.0 * measured)])).word == "nothing"
+    assert FitEvidence([response(measured, 0.0 * measured)]).verdict.word == "nothing"
 
 
 def test_a_motion_within_noise_is_still_predicted():
     """A share of 2 % of the variance, which is far beyond chance."""
     record = in_time(NOISE + 0.2 * MOTION, 0.2 * MOTION)
-    assert verdict(FitEvidence([record])).word == "predicts"
+    assert FitEvidence([record]).verdict.word == "predicts"
 
 
 def test_a_model_that_misses_a_clear_motion_is_wrong():
-    assert verdict(FitEvidence([BAD])).word == "incomplete"
-    assert verdict(FitEvidence([GOOD, BAD])).word == "incomplete"
+    assert FitEvidence([BAD]).verdict.word == "incomplete"
+    assert FitEvidence([GOOD, BAD]).verdict.word == "incomplete"
 
 
 def test_white_residuals_of_one_record_excuse_no_other():
@@ -83,24 +83,26 @@ def test_white_residuals_of_one_record_excuse_no_other():
     lines = np.column_stack([np.linspace(6.0, 4.0, 90), np.linspace(-1.5, -1.0, 90)])
     missed = 0.5 * np.exp(-(((np.arange(90) - 45) / 4.0) ** 2))[:, None]
     impedance = response(lines, lines + missed, ImpedanceRecord)
-    assert verdict(FitEvidence([GOOD, impedance])).word == "incomplete"
+    assert FitEvidence([GOOD, impedance]).verdict.word == "incomplete"
     exact = response(lines, lines + 1e-3 * NOISE[:180].reshape(90, 2), ImpedanceRecord)
-    assert verdict(FitEvidence([GOOD, exact])).word == "predicts"
+    assert FitEvidence([GOOD, exact]).verdict.word == "predicts"
 
 
 def test_a_rival_is_proposed_only_if_it_leaves_noise():
     own = rival("as given", 0.0, explains=False, nrmse=0.04)
     near = rival("delay", -1.0, explains=False)
-    given = verdict(FitEvidence([BAD], [own, near]))
+    given = FitEvidence([BAD], [own, near]).verdict
     assert given.word == "incomplete"
     assert "proposed" not in given.sentence
-    given = verdict(FitEvidence([BAD], [own, near, rival("drag", -2.0, explains=True)]))
+    given = FitEvidence([BAD], [own, near, rival("drag", -2.0, explains=True)]).verdict
     assert given.word == "wrong"
     assert given.sentence.endswith("drag has a residual of 1.00% and is proposed")
     # A rival with as many values that is hardly better is not proposed in place of the scene's own.
-    assert proposed([own, rival("load of made.csv", -0.01, explains=False)]) is own
+    assert (
+        FitEvidence([BAD], [own, rival("load of made.csv", -0.01, explains=False)]).proposed is own
+    )
     untried = Rival("drag", None, remark="not tried: its values did not change")
-    assert verdict(FitEvidence([BAD], [own, untried])).word == "incomplete"
+    assert FitEvidence([BAD], [own, untried]).verdict.word == "incomplete"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +117,7 @@ def test_a_rival_is_proposed_only_if_it_leaves_noise():
 )  # fmt: skip
 def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half, word, words):
     spring = NextPower(5, significance, {KEY: move}, {KEY: half})
-    given = verdict(FitEvidence([GOOD], spring=spring))
+    given = FitEvidence([GOOD], spring=spring).verdict
     assert given.word == word
     assert words in given.sentence
 
@@ -134,8 +136,8 @@ def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half
 def test_a_value_is_only_as_right_as_a_gain_that_no_record_tells(change, error, word, depends):
     gain = Assumption("sensor.voltage_scale", ("made.csv",), change, error, {KEY: 2.0})
     evidence = FitEvidence([GOOD], errors={KEY: 0.01}, assumptions=[gain])
-    assert verdict(evidence).word == word
-    assert dependent(evidence) == ({KEY: ["sensor.voltage_scale"]} if depends else {})
+    assert evidence.verdict.word == word
+    assert evidence.dependent == ({KEY: ["sensor.voltage_scale"]} if depends else {})
 
 
 def test_records_kept_aside_refute_what_they_were_claimed_for():
@@ -149,12 +151,11 @@ def test_records_kept_aside_refute_what_they_were_claimed_for():
         )  # fmt: skip
 
     right = 0.5**0.5
-    assert verdict(FitEvidence([GOOD], whole=[whole(right)])).word == "predicts"
-    assert verdict(FitEvidence([GOOD], whole=[whole(0.9)])).word == "incomplete"
-    assert verdict(
-        FitEvidence([GOOD], whole=[whole(0.9, "its load is outside the covered range")])
-    ).good
-    assert not verdict(FitEvidence([GOOD], whole=[whole(right, limit=-1.0)])).good
+    assert FitEvidence([GOOD], kept_aside=[whole(right)]).verdict.word == "predicts"
+    assert FitEvidence([GOOD], kept_aside=[whole(0.9)]).verdict.word == "incomplete"
+    outside = whole(0.9, "its load is outside the covered range")
+    assert FitEvidence([GOOD], kept_aside=[outside]).verdict.good
+    assert not FitEvidence([GOOD], kept_aside=[whole(right, limit=-1.0)]).verdict.good
 
 
 def test_the_first_line_has_at_most_25_words():
@@ -176,4 +177,4 @@ def test_the_first_line_has_at_most_25_words():
         FitEvidence([GOOD, GOOD], errors={KEY: 0.01}, assumptions=[gain]),
     ]
     for evidence in cases:
-        assert len(verdict(evidence).sentence.split()) <= 25, verdict(evidence).sentence
+        assert len(evidence.verdict.sentence.split()) <= 25, evidence.verdict.sentence

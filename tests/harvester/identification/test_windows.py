@@ -6,9 +6,9 @@ from measured_records import scene_of
 
 from harvester.engines.monte_carlo.sampled import states_at_samples
 from harvester.identification.measurement import Measurement
-from harvester.identification.response import Responses, experiment
+from harvester.identification.response import experiment
 from harvester.identification.search import lengthened
-from harvester.identification.shooting import ShootingFit
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.scene.prepared import prepared
 
 WINDOWS, SAMPLES = 9, 20
@@ -86,8 +86,8 @@ def test_a_linear_device_follows_a_sine_as_its_closed_form_says():
     response = -mass / mechanical * electrical
     wave = np.exp(turn * np.arange(1200) / rate)
     record = Measurement(wave.imag, rate, voltage=(response * wave).imag)
-    responses = Responses([experiment(scene, record)], [], 1e-3, "smooth")
+    problem = Shooting([experiment(scene, record)], [], 1e-3, "smooth")
     # From rest: what the start leaves dies within the first half.
-    _, _, shown = responses.states(0, np.zeros(0), np.array([0, 1200]), np.zeros((1, 3)))
+    _, _, shown = problem.at(0, []).states(np.array([0, 1200]), np.zeros((1, 3)))
     late = slice(600, 1190)
     assert shown[late, 0] == pytest.approx(record.voltage[late], abs=1e-5 * abs(response))
