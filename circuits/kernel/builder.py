@@ -165,11 +165,11 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 
 
 def _starts(b, n):
-    """Initial unknowns y for the transducer's state 0, and their change per unit of state: (2, n).
+    """Initial unknowns y if the transducer's state is zero, and their change per unit of it.
 
-    Voltages set by sources are exact. Capacitor voltages and inductor currents are as given; if
-    they contradict each other, larger elements have more weight. The first step determines the
-    others.
+    The shape is (2, n). Voltages set by sources are exact. Capacitor voltages and inductor currents
+    are as given; if they contradict each other, larger elements have more weight. The first step
+    determines the unknowns that have no initial value.
     """
     matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))

@@ -55,18 +55,19 @@ NOTHING = Watch()
 
 
 def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
-    """The unknowns of a load that limit the steps, with the pins at these nodes.
+    """The unknowns of a load whose changes limit the time step.
 
     Parameters
     ----------
     load : circuits.netlist.load_circuit.LoadCircuit
     pins : dict of str to str
-        Full names of the nodes at its pins.
+        Full name of the node at each pin of the load.
 
     Returns
     -------
     Watch
-        Empty for resistors, capacitors and diodes, which are as slow as the motion.
+        Empty for a load of resistors, capacitors and diodes alone, whose voltages change no faster
+        than the motion.
     """
     parts = load.elements
     jumps = may_jump(load)

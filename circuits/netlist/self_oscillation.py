@@ -349,7 +349,11 @@ class _Circuit:
         return -1
 
     def _modes(self, y, closed):
-        """Rates of the modes (1/s), and their shapes: unknowns, and charges of the stores."""
+        """Modes of the circuit, linearized about a rest state.
+
+        Returns their growth rates (1/s), and their shapes, one per column: in the unknowns, and in
+        the charges of the capacitors and the currents of the coils.
+        """
         _, slope = self._currents(y, closed, True)
         moved = np.linalg.solve(slope, self._ends @ self._sizes)
         times, shapes = np.linalg.eig(self._ends.T @ moved)

@@ -69,7 +69,10 @@ def run_realizations(
 
 
 def device_used(ready: Prepared, device: str, report: Callable) -> str:
-    """Which device a run with this option uses: "compiled" or "behavioural" (in a worker)."""
+    """Device model that a run with the option `device` uses: "compiled" or "behavioural".
+
+    Called in a worker process, since it opens ngspice.
+    """
     compiled = _compiled(session(), ready, device)
     return "compiled" if compiled else "behavioural"
 

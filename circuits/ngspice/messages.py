@@ -114,7 +114,7 @@ def _as_message(lines):
 
 
 def fails_to_converge(reason: str) -> bool:
-    """Whether a run ended because the iterations of a step, or its matrix, failed."""
+    """Whether a run ended because iterations did not converge or the matrix was singular."""
     return bool(_NEWTON.search(reason))
 
 

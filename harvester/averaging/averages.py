@@ -8,6 +8,10 @@ from typing import Any
 class Averages:
     """Stationary means in scaled units.
 
+    Equation numbers are those of Li, Liu and Li (2023). X is the displacement, V the voltage, c the
+    damping, β the coupling and λ the decay rate of the voltage through the load. Time is in
+    seconds, so that scaled powers are in s⁻³.
+
     Attributes
     ----------
     mean_square_voltage : E[V²] (Eq. 28).

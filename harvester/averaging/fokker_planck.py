@@ -128,24 +128,24 @@ def _check(device):
     """Raise if the device has more states than the grid, or needs too many steps."""
     if any(not isinstance(contact.law, HertzDamp) for contact in device.contacts):
         raise AveragingError(
-            "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
-            "begins with a jump: simulate"
+            "fokker_planck needs Hertz's contact law, since its grids cannot resolve a force that "
+            "begins with a jump; use harvester simulate"
         )
     if any(contact.law.holds for contact in device.contacts):
         raise AveragingError(
             'impact_velocity = "event": the speed at the beginning of a contact is not part of the '
-            'state that fokker_planck follows; use "energy", or simulate'
+            'state that fokker_planck follows; use "energy", or harvester simulate'
         )
     if timescales.contact_time(device) < SHORTEST_CONTACT * period(device):
         raise AveragingError(
             f"stoppers.stiffness: contacts last less than {SHORTEST_CONTACT:g} of a "
-            "period, too short for the steps of fokker_planck: simulate"
+            "period, too short for the steps of fokker_planck; use harvester simulate"
         )
     rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / period(device)
     if rate > fastest:
         raise AveragingError(
             f"the transducer's charge decays at {rate:.3g} /s, which exceeds {fastest:.3g} /s, the "
-            "limit for the steps of fokker_planck: simulate"
+            "limit for the steps of fokker_planck; use harvester simulate"
         )
 
 

@@ -111,7 +111,7 @@ class Level(NamedTuple):
 
 
 class Region(NamedTuple):
-    """Range and widths of a density.
+    """Region of the phase plane that a stationary density covers, and the widths of its peaks.
 
     Attributes
     ----------
@@ -120,11 +120,12 @@ class Region(NamedTuple):
     speed
         Greatest |X'|.
     core, core_speed : float
-        Half widths of the densities of X and X' about their peaks, or at their steepest side.
+        Half widths of the peaks of the densities of X and X'; of an asymmetric peak, on its steeper
+        side.
     width
         Half width of the density of X about its narrowest peak.
     mean
-        Mean of X, and so of Z.
+        Mean of X, which is also the mean of the transducer's state Z.
     well
         The only well in the region; None if it covers all wells.
     """

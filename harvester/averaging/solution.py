@@ -27,8 +27,9 @@ STEPS_OF_STRONG_COUPLING = 3.0
 # If the spring stiffens, the number of steps grows by this times the share by which the fastest
 # motion exceeds the frequency of small oscillations.
 STEPS_OF_STIFFENING = 1.25
-# A contact shorter than the first share of a period shortens the step, at most by the second
-# factor: during a much shorter contact the noise hardly changes.
+# If a contact lasts less than the share CONTACTS_OF_A_STEP of a period, steps are shorter, by at
+# most the factor MOST_STEPS_FOR_CONTACTS: shorter ones are not needed, since the noise hardly
+# changes the motion during a very short contact.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Largest residual of a period, in tolerances, relative to the slowest mode's change in a period.
 RESIDUAL_OVER_TOLERANCE = 2e-2

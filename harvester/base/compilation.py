@@ -97,7 +97,8 @@ def _compiling(**options):
     return decorate
 
 
-# For loops that create no array: reference counting would cost more than their work.
+# Option for functions that create no arrays: numba's reference counting would take longer than the
+# functions themselves.
 UNCOUNTED = {"_nrt": False}
 INLINE = {"forceinline": True}
 # For functions that only compiled code calls: without an entry point for C they compile a third

@@ -151,8 +151,8 @@ class Worker:
             except (OSError, RuntimeError, MemoryError) as error:
                 self.kill()
                 raise SimulatorCrashed(
-                    f"the simulator's process cannot be started: {_cause(error)}; raise the limit "
-                    "(ulimit -a shows it) or take fewer --workers"
+                    f"the simulator's process cannot be started: {_cause(error)}; reduce "
+                    "--workers, or raise the limit of processes, files or memory (see ulimit -a)"
                 ) from None
             return self._process, self._answers
 

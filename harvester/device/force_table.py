@@ -189,7 +189,11 @@ class ForceTable(NamedTuple):
         return False
 
     def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
-        """A formula of 2 [U(x) − U(gap)]/rate² for netlists."""
+        """Netlist formula for 2 [U(x) − U(gap)]/rate².
+
+        U is the potential energy of the spring, `gap` the displacement at which a contact begins,
+        `rate` the number of scaled time units per second.
+        """
         pieces = []
         for origin, force in self.pieces():
             below = float(self.energy(origin)) - float(self.energy(gap))

@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from harvester.scene.prepared import Prepared
     from harvester.statistics.moments import Moments
 
-# Largest number of motions without a period whose Lyapunov exponent is computed: before a motion
-# settles, all of its starts may appear as separate motions.
+# The Lyapunov exponent is computed for at most this many non-periodic motions: before a motion has
+# settled, each start that leads to it may count as a separate motion.
 MOST_EXPONENTS = 4
 # A start contributes to the means of its motion if its first and last cycle differ by at most the
 # first share; in a study, if no start does, by at most the second.

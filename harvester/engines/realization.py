@@ -495,7 +495,11 @@ def _period(scene):
 
 
 def _measured(prepared_scene, spacing):
-    """Start of the measured time (s), and numbers of batches and groups, in whole periods."""
+    """Start of the measured time (s), number of batches, and number of groups of batches.
+
+    Under a periodic excitation each batch lasts a whole number of periods, and the last one ends
+    with the run.
+    """
     run, period = prepared_scene.scene.run, _period(prepared_scene.scene)
     one_path = period is None and not prepared_scene.scene.excitation.random
     batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)

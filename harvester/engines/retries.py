@@ -126,10 +126,11 @@ def _too_large(system: System, realizations: list[Any], doubled: list[Any]) -> s
 
 
 def _change(moments: Moments, others: Moments) -> float:
-    """Largest difference of two runs' energies, as a share of the energy that passes the load.
+    """Largest relative difference between the energies of two runs.
 
-    The energies are the input, the energy from the transducer, the energy of the output, and the
-    energy stored in the load.
+    The differences of the input and of the energy from the transducer are relative to these
+    energies; those of the output, stores and sources are relative to the energy from the
+    transducer.
     """
     columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
     sums = np.array([run.integrals[:, columns].sum(axis=0) for run in (moments, others)])

@@ -293,9 +293,10 @@ def fitted(
                 fits.append((shooting, fit if fit.grams else start))
         if not fits:
             raise IdentificationError(
-                f"{scene.name}: no values of {', '.join(keys)} follow the records: check the "
-                "columns' units and signs, the load's resistance, that all records are of the same "
-                "device, and start from closer values (--set)"
+                f"{scene.name}: with no values of {', '.join(keys)} does the model reproduce the "
+                "records: check the units and signs of the columns, the load's resistance, and "
+                "that all records come from the same device, or start from better estimates (--set "
+                "KEY=VALUE)"
             )
         shooting, fit = min(fits, key=lambda pair: _misfit(pair[1]))
         # Fits are compared with the same noise level, from the residuals of the best fit.

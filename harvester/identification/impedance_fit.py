@@ -144,8 +144,8 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
             f"{where}: no resonance between {frequency[0]:.4g} and {frequency[-1]:.4g} Hz: the "
             f"impedance fits a capacitance of {math.exp(circuit.parameters[0]):.3g} F with tan δ = "
             f"{circuit.loss:.2g}, with a relative error of "
-            f"{math.sqrt(circuit.cost / frequency.size):.2g}: measure around the device's "
-            "resonance, with its base clamped and its electrodes connected"
+            f"{math.sqrt(circuit.cost / frequency.size):.2g}; measure over a range that contains "
+            "the device's resonance, with its base clamped"
         )
     return circuit
 

@@ -76,8 +76,9 @@ class Motion:
 def motion(trial: Trial) -> Motion:
     """The motion of a record, computed with the scene's transducer.
 
-    With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance; x =
-    ∫x' if the voltage is proportional to the velocity.
+    If only the voltage was recorded, the state e of a piezo, or of a coil with inductance, obeys
+    e' = x' − λ e, where λ is the decay rate through the load. Then x = e + λ ∫e dt. For a coil
+    without inductance the voltage is proportional to x', and x = ∫x' dt.
     """
     (system, scales), measurement = trial.known_device, trial.shown
     rate, transducer = measurement.sampling_rate, system.transducer

@@ -247,7 +247,11 @@ def _answer(solving):
 
 
 def _range(scene, key, ends):
-    """Check that the ends of a slider are a range that contains the scene's value."""
+    """Range (low, high) of a slider, widened to contain the scene's value.
+
+    If `ends` is None, it is the value divided and multiplied by RANGE_RATIO, within the key's
+    limits. Raises HarvesterError if the ends are not a range.
+    """
     value, spec = number(scene, key, "explore")
     try:
         low, high = (

@@ -8,7 +8,7 @@ A file is converted to evenly spaced samples in five steps:
          ──> values in SI        `columns`: the column of a quantity, its unit, scale and offset
          ──> even samples        `time_base`: rate or time stamps; `samples`: gaps, clipping
 
-Callers request quantities: the excitation by a record (`excitation.recorded`), the records,
-responses and impedances of `identify` (`identification.measurement`,
-`identification.measured_response`), and files of points (`scene.force_file`).
+These modules read files this way: `excitation.recorded` (recorded base acceleration),
+`identification.measurement` and `identification.measured_response` (records, frequency responses
+and impedances), and `scene.force_file` (tables of force over displacement).
 """

@@ -262,7 +262,8 @@ class MeasuredFile:
         name = key.partition("=")[0]
         if rate and file_rate and not np.isclose(rate, file_rate, rtol=1e-6):
             raise SceneError(
-                f"{self.where}: {name} = {rate:g}: the file states {file_rate:g} Hz: omit it"
+                f"{self.where}: {name} = {rate:g} Hz contradicts the file, which states "
+                f"{file_rate:g} Hz; omit {name}"
             )
         stated, rate = rate is not None, file_rate if rate is None else rate
         says = f"{name} = {rate:g}" if stated else f"the file's sampling rate = {rate or 0.0:g}"

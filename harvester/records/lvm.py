@@ -20,10 +20,11 @@ def read(content: bytes) -> Table:
     Raises ValueError if a header has no end, or there are several segments.
     """
     parts = content.split(END_OF_HEADER)
-    if not 1 < len(parts) <= MOST_HEADERS + 1:
+    if len(parts) == 1:
+        raise ValueError("it has no line ***End_of_Header***: save it again as an .lvm file")
+    if len(parts) > MOST_HEADERS + 1:
         raise ValueError(
-            f"it has {len(parts) - 1} headers, but only one segment can be read: save each "
-            "segment as a file"
+            f"it has {len(parts) - 2} segments, but only one can be read: save each in its own file"
         )
     # Names and samples follow the last header.
     names_line, _, samples = parts[-1].partition(b"\n")[2].lstrip(b"\r\n").partition(b"\n")

@@ -108,8 +108,8 @@ def _refuse_claims(content):
     try:
         for kind, data in _elements(memoryview(content)[HEADER_BYTES:], order):
             if kind == COMPRESSED:
-                # Only the head is decompressed, which identifies structures. Arrays are read by
-                # their shape.
+                # Only the first bytes are decompressed: they show whether it is a structure. The
+                # size of an array follows from its header and needs no check here.
                 _, head = next(_elements(_unpacked(data, HEAD_BYTES), order))
                 if _class_of(head, order) != STRUCTURE:
                     continue

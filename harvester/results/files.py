@@ -47,7 +47,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
         `result` or `target` is not usable; `OutputError` if a file cannot be written.
     """
     if not isinstance(target, (str, os.PathLike)) or not str(target).strip():
-        raise HarvesterError(f"save: {shown(target)}: is not a path: give {KINDS}")
+        raise HarvesterError(f"save: {shown(target)} is not a path; give {KINDS}")
     # A command has already expanded `~`, and its folder may contain intermediate results.
     directory = Path(target if name else os.path.expanduser(target))
     ending = directory.suffix.lower()
@@ -58,7 +58,7 @@ def save(result: ResultBase | Scene, target: str | os.PathLike, name: str = "") 
         raise HarvesterError(f"save: {named(str(directory))}: a scene's file ends in .toml")
     if not isinstance(result, ResultBase):
         raise HarvesterError(
-            f"save: {shown(result)}: is not a result: pass the return value of simulate or of a "
+            f"save: {shown(result)} is not a result; pass the return value of simulate or of a "
             "study, or a scene"
         )
     if not name and (not directory.is_dir() or directory.name == ".."):

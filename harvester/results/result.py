@@ -169,7 +169,7 @@ class Result(ResultBase):
 
     @cached_property
     def prepared_scene(self) -> Prepared:
-        """The prepared scene of the run."""
+        """The scene with its scaled equations and steps; see `harvester.scene.prepared`."""
         return prepared(self.scene)
 
     @property

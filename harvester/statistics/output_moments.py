@@ -86,7 +86,10 @@ class OutputMoments:
     def beside(
         cls, moments: Any, rows: tuple[tuple[str, str], ...] = (), has_output: bool = True
     ) -> OutputMoments:
-        """Empty moments in the batches of these `Moments`."""
+        """Sums set to zero, with the start and the batches of `moments`.
+
+        `rows` are the kinds and names of the load's measures.
+        """
         batches = len(moments.integrals)
         return cls(
             moments.start,

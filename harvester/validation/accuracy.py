@@ -30,8 +30,9 @@ from harvester.validation.throughput import ratios
 
 # Required relative errors: of the timed answer, and of the bias.
 WANTED_ERROR = WANTED_BIAS = 0.01
-# An order is fitted if the longest mean step is at least this multiple of the shortest. In PWL runs
-# a tolerance changes the steps little, since these follow the restarts at corners.
+# The order of convergence is fitted only if the longest mean step is at least this multiple of the
+# shortest. With a piecewise-linear (PWL) source the tolerance hardly changes the steps, since
+# ngspice restarts with a short step at each corner of the source.
 LEAST_RATIO = 2.0
 # Units of time in seconds, from the longest down.
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))

@@ -115,7 +115,8 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    # The mechanical side is next to the electrical side and above the load if there is room.
+    # A load of several elements is drawn below; the definitions of its sub-circuits then go above
+    # the load, to the right of the electrical side, otherwise to the right of the load.
     above = len(inner.parts) > 1
     _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)

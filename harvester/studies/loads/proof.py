@@ -34,7 +34,8 @@ from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
-# Number of realizations at one point by both engines: of full length, and of the first periods.
+# Number of realizations that the circuit and Monte Carlo each run at the compared point: of full
+# length, and of the first periods only.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
 # The early power is compared if it is at least this share of the settled power, since only leakage
 # reaches the output before a store is charged.

@@ -14,8 +14,8 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
-# A point belongs to the flat region if its loss is at most this share, within this number of
-# standard errors.
+# A point belongs to the flat region if its value is below the maximum by at most FLAT_SHARE of the
+# maximum plus FLAT_SIGMAS standard errors of the difference.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # The first step is the distance to the end of the range, halved HALVINGS times. REFINEMENTS
 # bisections then locate the edge, or WITHOUT_NOISE for a method without noise.

@@ -286,8 +286,8 @@ class Search:
             for value, coordinate in zip(values, _spread(*window), strict=True)
         )
         if fit.unknown:
-            flat = "has differences without an error bar, so that its maximum is not known"
-            otherwise = "compare the values by harvester sweep"
+            flat = "cannot be compared: its differences have no error bar"
+            otherwise = "compare the values with harvester sweep"
         advice = f"{flat}: {listing}; {longer_runs(self.scene)}, or {otherwise}"
         if all(map(is_nothing, values)):
             advice = f"is 0 within its errors at all {len(values)} points, {NOTHING}"

@@ -48,10 +48,10 @@ class Basins(ResultBase):
     Attributes
     ----------
     displacements, velocities : ndarray, shapes (n,), (m,)
-        Coordinates of the starts. The transducer's state is 0, and a load's stores have the initial
-        values of its netlist.
+        Coordinates of the starts. The transducer's state is 0; the load's capacitors and coils have
+        the initial values of its netlist.
     orbit : ndarray of int, shape (m, n)
-        Index in `orbits` of the orbit reached from each start; −1: not followed.
+        Index in `orbits` of the orbit reached from each start; −1 if it was not followed.
     orbits
         The orbits, the one with the most starts first.
     periods

@@ -374,8 +374,8 @@ def require_wells(prepared_scene: Prepared) -> None:
     scene = prepared_scene.scene
     if len(timescales.wells(prepared_scene.system)) < 2:
         raise HarvesterError(
-            f"{scene.name}: the device has one well: residence times need several, e.g. by a "
-            "negative oscillator.linear_stiffness"
+            f"{scene.name}: the device has only one well, and residence times need at least "
+            "two: give, for example, a negative oscillator.linear_stiffness"
         )
     if not scene.excitation.random:
         raise HarvesterError(

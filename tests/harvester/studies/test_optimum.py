@@ -243,7 +243,7 @@ def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
 def test_differences_without_an_error_bar_are_not_flat(monkeypatch):
     search = searched(lambda place: 1.0 - (place - 0.4) ** 2, 0.0, monkeypatch)
     search._error_of = lambda series: None
-    with pytest.raises(OptimumError, match="differences without an error bar") as caught:
+    with pytest.raises(OptimumError, match="differences have no error bar") as caught:
         search.find(0.5)
     assert "flat" not in str(caught.value)
 
