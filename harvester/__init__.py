@@ -45,6 +45,7 @@ def __getattr__(name: str) -> object:
     from harvester.base.plain_text import nearest
 
     hint = nearest(name, __all__)
+    hint = hint if hint or name.startswith("_") else f"; there are {', '.join(sorted(__all__))}"
     if name in COMMANDS_ONLY:
         hint = f"; on the command line: harvester {name}"
     if name in ("load", "read"):

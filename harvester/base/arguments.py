@@ -123,6 +123,14 @@ class Named(dict):
         super().__init__(values)
         self.where, self.address = where, address
 
+    def __getitem__(self, name: Any) -> Any:
+        try:
+            return super().__getitem__(name)
+        except TypeError:
+            raise UnknownQuantity(
+                f"{self.where} {shown(name)}: a row is one key; list(…) gives all of them"
+            ) from None
+
     def __missing__(self, name: object) -> Any:
         distances = {key: _distance(key, name) for key in self if not isinstance(key, str)}
         ordered = sorted(distances, key=lambda key: distances[key])

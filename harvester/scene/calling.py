@@ -61,10 +61,9 @@ def _reject_misnamed(function, option, accepted):
     """Raise UnknownOption with a hint if `option` is a scene key or a command-line spelling."""
     from harvester.scene.tables import all_keys
 
-    hints = {
-        key.partition(".")[2]: f"; it is a value of the scene: scene.replace({{{key!r}: …}})"
-        for key in reversed([*all_keys()])
-    }
+    keys = [repr(key) for key in all_keys() if key.partition(".")[2] == option]
+    value = f"; it is a value of the scene: scene.replace({{{' or '.join(keys)}: …}})"
+    hints = {option: value} if keys else {}
     hints |= {item.kind.option: f" (did you mean {name}?)" for name, item in accepted.items()}
     if option in hints:
         raise UnknownOption(f"{function}: no option {option}{hints[option]}")

@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from harvester.base import plain_text
 from harvester.base.errors import SceneError
@@ -65,6 +65,9 @@ class Scene(Table):
     # Folder of the scene's file. With a netlist as load: all folders in which it is searched, in
     # order.
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
+
+    def __getitem__(self, key: object) -> NoReturn:
+        raise SceneError(f"scene[{shown(key)}]: write its attribute, such as scene.oscillator.mass")
 
     def __setitem__(self, key: str, value: object) -> None:
         setattr(self, key, value)

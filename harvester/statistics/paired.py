@@ -41,8 +41,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     Parameters
     ----------
     result, reference : harvester.results.result.Result or harvester.engines.request.Answer
-        Results with scene and moments; of the same scene, or of scenes with the same seed, knots
-        and duration.
+        Results with scene and moments; of the same scene, or of scenes with equal seed, number of
+        realizations, settling, duration and samples of noise.
 
     Returns
     -------
@@ -53,7 +53,8 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     Raises
     ------
     HarvesterError
-        A result holds no moments: of averaging, or read from JSON.
+        A result holds no moments: of averaging, or read from JSON. Or the runs have different
+        seeds, numbers of realizations or batches.
     """
     for run in (result, reference):
         if not getattr(run, "moments", ()):
@@ -61,6 +62,7 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
                 f"paired_difference: {shown(run)}: holds no batches on a path of noise, as orbits, "
                 "averaging and JSON do; give two results of simulate"
             )
+    _check_same_noise(result, reference)
     balances = [
         well_balance(run.scene, run.prepared_scene.system, run.moments)
         for run in (result, reference)
@@ -92,6 +94,24 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         note = why_no_error(ratio, error)
         differences[EFFICIENCY] = Estimate(ratio - 1.0, error, None, "1", note)
     return differences
+
+
+def _check_same_noise(result, reference):
+    """Raise if the batches of two results are not those of the same stretches of noise."""
+    runs = [run.scene.run for run in (result, reference)]
+    times = [(run.moments[0].start, run.moments[0].batch_length) for run in (result, reference)]
+    for key in ("seed", "realizations", "settle", "duration"):
+        first, second = (getattr(run, key) for run in runs)
+        if first != second:
+            raise HarvesterError(
+                f"paired_difference: run.{key} = {first} and {second}: the runs are not on the "
+                "same noise; simulate both scenes with the same [run]"
+            )
+    if not np.allclose(*times, rtol=1e-6):
+        raise HarvesterError(
+            "paired_difference: the batches of the two runs differ in time; simulate both scenes "
+            "with the same [run] and excitation"
+        )
 
 
 def _error(ratio, pairs, balances):

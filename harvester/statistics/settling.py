@@ -244,7 +244,7 @@ def _motion(scene, p, estimates):
     run, excitation = scene.run, scene.excitation
     if p.noise.intensity <= 0.0:
         return None
-    matrix, states = _linear(p, estimates)
+    matrix, states = _linear(p, estimates, scene.load.is_resistor)
     # The motion may stay in phase with a sine or a record, which may contain sines.
     coherent = excitation.drifts or bool(excitation.random and excitation.lines)
     if not np.all(np.isfinite(matrix)):
@@ -285,8 +285,10 @@ def _motion(scene, p, estimates):
     return _too_short(scene, slow, "a relaxation of device and load", share, tuple(moving))
 
 
-def _linear(p, estimates):
+def _linear(p, estimates, with_resistor):
     """Matrix of (X − rest, X', V, η), without V if the load is not a resistor.
+
+    A netlist load discharges a piezo faster than its leakage does.
 
     Also returns the indices of the states whose mean squares are tested. The stiffness of a
     monostable spring is that at the measured E[X²]; another load's damping follows from the
@@ -300,7 +302,7 @@ def _linear(p, estimates):
         stiffness = sum(float(p.spring.slope(equilibrium + s * spread)) for s in (1, -1)) / 2.0
     memory = 1.0 / p.noise.correlation_time
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
-    if decay == 0.0:
+    if decay == 0.0 or not with_resistor:
         total = stiffness + p.transducer.stiffness(stiffness)
         lost = sum(estimates[name].estimate for name in ("mean_power", "mean_loss_power"))
         damping = max(damping, lost / estimates["mean_square_velocity"].estimate)

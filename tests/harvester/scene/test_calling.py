@@ -30,6 +30,7 @@ def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
         ((), {"stop": 1.0}, "no option stop .did you mean step"),
         ((), {"zzzz": 1.0}, "no option zzzz; there are method, step"),
         ((), {"seed": 3}, r"no option seed; it is a value of the scene: .*run\.seed"),
+        ((), {"resistance": 3}, r"'coil\.resistance' or 'load\.resistance': …"),
         (("circuit",), {}, "'circuit' is given without its name: .* method="),
     ],
 )

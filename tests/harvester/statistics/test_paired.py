@@ -2,6 +2,7 @@
 
 import pytest
 
+from harvester.base.errors import HarvesterError
 from harvester.base.formatting import share_with_error
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
@@ -43,3 +44,14 @@ def test_equal_counts_of_events_claim_no_certainty(pool):
     assert share_with_error(rate) == "0.00 % (no error bar)"
     assert "count the same events" in rate.note
     assert differences["mean_power"].standard_error > 0.0
+
+
+def test_runs_on_different_noise_are_refused():
+    scene = Scene.read("linear", ["run.duration=60", "run.settle=20", "run.realizations=2"])
+    runs = [
+        simulate(scene.replace({key: value}), method="monte-carlo")
+        for key, value in (("run.seed", 1), ("run.duration", 30.0), ("run.realizations", 3))
+    ]
+    for other, key in zip(runs[1:], ("duration", "realizations"), strict=True):
+        with pytest.raises(HarvesterError, match=rf"run\.{key} = .* not on the same noise"):
+            paired_difference(runs[0], other)

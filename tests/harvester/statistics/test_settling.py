@@ -14,7 +14,13 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import UNRESOLVED, Estimate
 from harvester.statistics.moments import QUANTITIES, Moments
-from harvester.statistics.settling import _expected_jumps, left_of_start, shortfalls, withheld
+from harvester.statistics.settling import (
+    _expected_jumps,
+    _linear,
+    left_of_start,
+    shortfalls,
+    withheld,
+)
 
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
@@ -265,3 +271,22 @@ def test_one_record_tells_nothing_of_means_that_follow_a_slow_store(pool, tmp_pa
         bars[name] = [found[n].standard_error for n in ("rms_voltage", "mean_converter_loss")]
     assert bars["slow"] == [None, None]
     assert all(bars["fast"])
+
+
+@pytest.mark.parametrize(("load", "states"), [({"netlist": "bridge"}, 3), ({"resistance": 2e4}, 4)])
+def test_a_leakage_is_no_relaxation_behind_a_rectifier(load, states):
+    """A bridge discharges the piezo long before the leakage, of 4 s, would."""
+    scene = Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {"mass": 0.01, "frequency": 60.0, "quality_factor": 20.0},
+            "piezo": {"capacitance": 9e-8, "k2": 0.08, "leakage_resistance": 4e7},
+            "load": load,
+            "excitation": {"rms": 2.0, "correlation_time": 5e-3},
+            "run": {"duration": 8.0},
+        }
+    )
+    names = "mean_square_displacement", "mean_square_velocity", "mean_power", "mean_loss_power"
+    estimates = {name: Estimate(1.0, 0.1, 10.0, "1") for name in names}
+    matrix, _ = _linear(prepared(scene).system, estimates, scene.load.is_resistor)
+    assert len(matrix) == states
