@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 
 # Numbers of quadrature points: overall, on each side of the resonance, and between two corners.
 OVERALL, ASIDE, BETWEEN = 1001, 201, 17
+# Relative change of the frequency in a numerical derivative.
+SMALL = 1e-6
 # If no formula gives the density, Welch's method estimates it from at most this number of samples
 # of a path, in segments of this number of periods of the resonance.
-MOST_SAMPLES, SEGMENT_PERIODS = 2**18, 64.0
+MOST_SAMPLES, SEGMENT_PERIODS = 2**18, 256.0
 
 
 @functools.lru_cache(maxsize=64)
@@ -32,24 +34,48 @@ def misplacement(prepared_scene: Prepared, spacing: float, order: int) -> float:
     of E[X²], but not of its change; `harvester.scene.lines` treats their error.
 
     `spacing`: time between two samples of the excitation (s).
-
-    Notes
-    -----
-    With H = X/η = 1/(k − ω² + i d ω), d ln|H|²/d ln ω = 2 Re[(2 ω² − i d ω) H].
     """
-    excitation = prepared_scene.scene.excitation
+    system, excitation = prepared_scene.system, prepared_scene.scene.excitation
     frequencies, density = _spectrum(prepared_scene, spacing)
     omega = 2.0 * math.pi * frequencies
-    transfer = lines.receptance(prepared_scene.system, omega)
-    response = density * np.sinc(frequencies * spacing) ** 4 * np.abs(transfer) ** 2
-    total = np.trapezoid(response, frequencies)
-    for frequency, amplitude in excitation.lines:
-        at_line = lines.receptance(prepared_scene.system, 2.0 * math.pi * frequency)
-        total += 0.5 * abs(amplitude * at_line) ** 2
     moved = omega**order - lines.line_frequency(prepared_scene) ** order
-    slope = 2.0 * ((2.0 * omega**2 - 1j * (1.0 / transfer).imag) * transfer).real
-    change = np.trapezoid(slope * moved * response, frequencies)
-    return float(abs(change) / total) if total > 0.0 else 0.0
+    changes = [0.0]
+    for share_of_open in _shares_of_open(prepared_scene):
+        gain, below, above = (
+            _gain(system, omega * factor, share_of_open)
+            for factor in (1.0, 1.0 - SMALL, 1.0 + SMALL)
+        )
+        response = density * np.sinc(frequencies * spacing) ** 4 * gain
+        total = np.trapezoid(response, frequencies)
+        for frequency, amplitude in excitation.lines:
+            at_line = _gain(system, 2.0 * math.pi * frequency, share_of_open)
+            total += 0.5 * amplitude**2 * at_line
+        slope = np.log(above / below) / (2.0 * SMALL)
+        if total > 0.0:
+            changes.append(abs(np.trapezoid(slope * moved * response, frequencies)) / total)
+    return float(max(changes))
+
+
+def _shares_of_open(prepared_scene):
+    """Share of the open transducer's stiffness that acts with the load, as functions of ω.
+
+    Charge that decays at the rate λ has the share ω²/(λ² + ω²). A netlist is between a short and an
+    open circuit.
+    """
+    decay = prepared_scene.system.transducer.decay_rate()
+    if prepared_scene.scene.load.is_resistor and math.isfinite(decay):
+        return [lambda omega: omega**2 / (decay**2 + omega**2)]
+    return [lambda omega: 0.0, lambda omega: 1.0]
+
+
+def _gain(system, omega, share_of_open):
+    """|X/η|² (s⁴) of small oscillations about the stiffest well at angular frequencies (rad/s)."""
+    stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
+    low = max(timescales.stiffness(system, stiffest), 0.0)
+    high = max(low, timescales.angular_frequency(system) ** 2)
+    away = low + (high - low) * share_of_open(omega) - omega**2
+    damped = np.hypot(omega * timescales.loss_rate(system, omega), 1e-9 * omega**2)
+    return 1.0 / (away**2 + damped**2)
 
 
 def _spectrum(prepared_scene, spacing):

@@ -59,6 +59,30 @@ def test_misplacement_is_that_of_quadrature(name):
     assert misplacement(ready, spacing, 2) == pytest.approx(exact, rel=0.05)
 
 
+@pytest.mark.parametrize("band_at", [(40.2, 40.8), (41.0, 41.3), (41.5, 42.0)])
+def test_misplacement_between_short_and_open_is_that_of_the_load(band_at):
+    """A matched resistor places the resonance between 40.0 Hz (short) and 41.6 Hz (open)."""
+    k2, own = 0.08, 2.0 * math.pi * RESONANCE
+    scene = device(band(*band_at)).replace(
+        {"piezo": {"k2": k2, "capacitance": 50e-9}, "load.resistance": 1.0 / (own * 50e-9)}
+    )
+    ready = prepared(scene)
+    spacing, small = knot_spacing(ready), 1e-9
+
+    def square(shift):
+        def integrand(frequency):
+            omega = 2.0 * math.pi * frequency
+            moved = omega * (1.0 + shift * omega**2)
+            load = k2 * own**2 * 1j * moved / (1j * moved + own)
+            size = abs(own**2 - moved**2 + 1j * own / QUALITY * moved + load)
+            return np.sinc(frequency * spacing) ** 4 / size**2
+
+        return quad(integrand, *band_at, limit=400, epsrel=1e-11)[0]
+
+    exact = abs(square(small) / square(-small) - 1.0) / (2.0 * small)
+    assert misplacement(ready, spacing, 2) == pytest.approx(exact, rel=0.05)
+
+
 def test_a_record_has_the_misplacement_of_its_density(tmp_path):
     rate, count = 4000.0, 2**16
     frequencies = np.fft.rfftfreq(count, 1.0 / rate)
