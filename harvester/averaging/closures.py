@@ -63,7 +63,7 @@ def average(
     AveragingError
         Unknown method; unconfined or undamped motion; means that the grid does not resolve. For
         `paper` and `consistent` also: a device unlike the source paper's, a noise correlation time
-        above the relaxation time, β ≥ ω0² of a bistable device.
+        above the relaxation time (contacts included), β ≥ ω0² of a bistable device.
 
     Notes
     -----

@@ -139,6 +139,7 @@ def average(
         notes=(
             *(spectrum_fit.notes() if spectrum_fit else ()),
             *_left_out(parameters, method),
+            *_on_validity(method, averages),
             *magnet_notes(scene.magnets),
         ),
         spectrum_fit=spectrum_fit,
@@ -157,6 +158,19 @@ def _left_out(system, closure):
         f"{closure} leaves out the charge that the base moves (piezo.base_charge), which changes "
         f"the voltage near an open-circuit resonance by some {100.0 * change:.2g} %",
     )
+
+
+def _on_validity(closure, averages):
+    """Note on ± and on the weakest premise of a method that averages over orbits."""
+    from harvester.averaging.closures import notes_on_errors
+
+    if not averages.weakest_premise:
+        return []
+    premise = f"weakest premise: {averages.weakest_premise}, which averaging assumes to be ≪ 1"
+    return [
+        f"{note}; {premise}: compare with fokker_planck or simulate"
+        for note in notes_on_errors([closure])
+    ]
 
 
 def averages_of(
