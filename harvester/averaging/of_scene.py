@@ -182,6 +182,10 @@ def averages_of(
     from harvester.scene.units import require_resistor
 
     chosen = CLOSURES.get(closure)
+    if memory and chosen is not None and not chosen.jump_rates:
+        raise AveragingError(
+            f"jump_rates: {closure} computes none; use the method fokker_planck, or simulate"
+        )
     if chosen is None or not chosen.of_spectrum:
         return average_parameters(averaged_device(prepared_scene), closure, tolerance, memory)
     require_resistor(prepared_scene.scene, closure)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from harvester.averaging.of_scene import average
+from harvester.base.errors import AveragingError, UnknownQuantity
 from harvester.device import timescales
 from harvester.scene.model import Scene
 
@@ -43,3 +44,13 @@ def test_a_note_names_the_weakest_premise(closure):
     )
     assert name == "mean period over the relaxation time of the energy"
     assert float(value) == pytest.approx(period * rate, rel=0.05)
+
+
+def test_jump_rates_are_refused_or_the_option_is_named():
+    with pytest.raises(AveragingError, match="jump_rates: consistent computes none; use the"):
+        average(Scene.read("paper"), method="consistent", jump_rates=True)
+    result = average(Scene.read("paper"), method="consistent")
+    with pytest.raises(UnknownQuantity, match=r"jump_rates=True\) by fokker_planck"):
+        result["jump_rate"]
+    with pytest.raises(UnknownQuantity, match=r"there are|did you mean"):
+        average(Scene.read("linear"))["jump_rate"]
