@@ -34,7 +34,7 @@ from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result
 from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
-from harvester.results.view import Picture, ResultBase, Table, View
+from harvester.results.view import NOT_IN_JSON, Picture, ResultBase, Table, View
 from harvester.results.waveform import Waveform
 from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
@@ -324,7 +324,7 @@ class Result(ResultBase):
             self._findings(),
             headline=headline(self),
             pictures=[
-                Picture(draw_result, self, needs=f"densities, {joint_drawing.NOT_IN_JSON}"),
+                Picture(draw_result, self, needs=f"densities, {NOT_IN_JSON}"),
                 Picture(joint_drawing.draw, [self], "joint", joint_drawing.NEEDS),
                 *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
             ],
