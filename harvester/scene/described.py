@@ -30,9 +30,8 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         return ()
     oscillator, system = scene.oscillator, prepared(scene).system
     mass: Any = oscillator.mass
-    stiffness = mass * max(
-        (timescales.stiffness(system, well) for well in timescales.wells(system)), default=0.0
-    )
+    wells = {timescales.stiffness(system, well): well for well in timescales.wells(system)}
+    stiffness = mass * max(wells, default=0.0)
     if stiffness <= 0.0:
         return ()
     rate = math.sqrt(stiffness / mass)
@@ -45,7 +44,12 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     ]
     parts += _wells(scene)
     if ratio > 0.0:
-        parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
+        low, high = timescales.free_zone(system)
+        pressed = not low < wells[max(wells)] < high
+        parts.append(
+            f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}"
+            + " (damper alone, without the pressed stopper)" * pressed
+        )
     transducer: Any = scene.transducer
     matched = "the winding's"
     if getattr(transducer, "capacitance", None):

@@ -197,7 +197,7 @@ class Accuracy(ResultBase):
             f"sampling error of the long run: {sampling or TOO_SHORT}",
             *[f"1 % of E[V²] takes {needed:.3g} simulated seconds"] * (needed < math.inf),
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
-            "and without the start of the program; never: the bias alone is larger by more than two "
+            "and without the start of the program; never: the bias alone is larger by over two "
             "standard errors; unknown or (?): the bias is too uncertain to show whether this error "
             "is reached",
             *(f"{name}: {ratio:.3g}" for name, ratio in ratios(speeds).items()),

@@ -129,6 +129,7 @@ def test_the_line_on_a_mass_pressed_against_a_stopper_is_of_the_total_force():
     assert f"stiffness {stiffness:.4g} N/m" in line
     assert f"{quantity(rate / (2.0 * math.pi), 'Hz')} at rest" in line
     assert f"Q = {oscillator.mass * rate / oscillator.damping:.3g}" in line
+    assert "(damper alone, without the pressed stopper)" in line
 
 
 @pytest.mark.parametrize(
