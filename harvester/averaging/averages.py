@@ -30,6 +30,9 @@ class Averages:
         Numerical error of each mean above, and of the means in `between_wells`.
     density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; `GridDensity` also of the terminal voltage.
+    weakest_premise : str
+        Of methods that average over orbits: the premise that holds worst, with its ratio, which
+        must be far below 1.
     between_wells : dict of str to float
         Quantities of `fokker_planck` for several wells with jumps between them:
         `well_crossing_rate`; on request `slowest_decay_rate` and the rates named by
@@ -48,3 +51,4 @@ class Averages:
     mean_transducer_loss: float = 0.0
     share_in_wells: float | None = None
     between_wells: dict = field(default_factory=dict)
+    weakest_premise: str = ""

@@ -26,11 +26,14 @@ class StationaryMethod(NamedTuple):
     of_spectrum : bool
         Whether the excitation may have any spectrum (argument: the prepared scene), instead of the
         noise of Eq. 6 only.
+    jump_rates : bool
+        Whether the method can compute the rates of jumps between wells.
     """
 
     average: Callable
     tolerance: float
     of_spectrum: bool = False
+    jump_rates: bool = False
 
 
 def notes_on_errors(methods: Iterable[str]) -> list[str]:
@@ -63,7 +66,7 @@ def average(
     AveragingError
         Unknown method; unconfined or undamped motion; means that the grid does not resolve. For
         `paper` and `consistent` also: a device unlike the source paper's, a noise correlation time
-        above the relaxation time, β ≥ ω0² of a bistable device.
+        above the relaxation time (contacts included), β ≥ ω0² of a bistable device.
 
     Notes
     -----
@@ -99,7 +102,9 @@ CLOSURES: Registry[StationaryMethod] = Registry(
     {
         "paper": StationaryMethod(partial(_by, "over_orbits:over_orbits", "paper"), 1e-3),
         "consistent": StationaryMethod(partial(_by, "over_orbits:over_orbits", "consistent"), 1e-3),
-        "fokker_planck": StationaryMethod(partial(_by, "fokker_planck:fokker_planck"), 1e-2),
+        "fokker_planck": StationaryMethod(
+            partial(_by, "fokker_planck:fokker_planck"), 1e-2, jump_rates=True
+        ),
         "spectral": StationaryMethod(partial(_by, "spectral:spectral"), 1e-6, of_spectrum=True),
     },
 )

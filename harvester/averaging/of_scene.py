@@ -139,6 +139,7 @@ def average(
         notes=(
             *(spectrum_fit.notes() if spectrum_fit else ()),
             *_left_out(parameters, method),
+            *_on_validity(method, averages),
             *magnet_notes(scene.magnets),
         ),
         spectrum_fit=spectrum_fit,
@@ -159,6 +160,19 @@ def _left_out(system, closure):
     )
 
 
+def _on_validity(closure, averages):
+    """Note on ± and on the weakest premise of a method that averages over orbits."""
+    from harvester.averaging.closures import notes_on_errors
+
+    if not averages.weakest_premise:
+        return []
+    premise = f"weakest premise: {averages.weakest_premise}, which averaging assumes to be ≪ 1"
+    return [
+        f"{note}; {premise}: compare with fokker_planck or simulate"
+        for note in notes_on_errors([closure])
+    ]
+
+
 def averages_of(
     prepared_scene: Prepared, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
@@ -168,6 +182,10 @@ def averages_of(
     from harvester.scene.units import require_resistor
 
     chosen = CLOSURES.get(closure)
+    if memory and chosen is not None and not chosen.jump_rates:
+        raise AveragingError(
+            f"jump_rates: {closure} computes none; use the method fokker_planck, or simulate"
+        )
     if chosen is None or not chosen.of_spectrum:
         return average_parameters(averaged_device(prepared_scene), closure, tolerance, memory)
     require_resistor(prepared_scene.scene, closure)

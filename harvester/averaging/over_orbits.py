@@ -1,5 +1,7 @@
 """Stationary means by averaging over orbits: the methods `paper` and `consistent`."""
 
+import math
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -26,6 +28,8 @@ def over_orbits(closure: str, device: System, tolerance: float, memory: bool) ->
     spans = edges(device, closure)
     means, _ = _solve(closure, spans, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(closure, spans, LEVELS, NODES)
+    means.pop("mean_period")
+    weakest = _weakest_premise(device, fine, fine.pop("mean_period"))
     error = {name: abs(fine[name] - means[name]) for name in fine}
     for name, mean in fine.items():
         # A share of time in the wells may be so small that its relative error does not matter.
@@ -35,7 +39,31 @@ def over_orbits(closure: str, device: System, tolerance: float, memory: bool) ->
                 f"{error[name] / abs(mean):.2g} of its value, more than the tolerance of "
                 f"{tolerance:g}: use softer stoppers, or simulate"
             )
-    return Averages(**fine, numerical_error=error, density=density)
+    return Averages(**fine, numerical_error=error, density=density, weakest_premise=weakest)
+
+
+def _weakest_premise(device, means, period):
+    """Text on the premise that holds worst: a ratio that averaging assumes to be far below 1.
+
+    Raises AveragingError if the noise is correlated for longer than the energy takes to relax by
+    all losses (damper, load, contacts).
+    """
+    rate = (means["mechanical_loss"] + means["mean_power"]) / means["mean_square_velocity"]
+    memory = device.noise.correlation_time
+    if rate * memory > 1.0:
+        raise AveragingError(
+            f"correlation_time={memory:g} is above the relaxation time of {1.0 / rate:.3g} s, by "
+            "damper, load and contacts; averaging assumes noise whose correlation time is shorter "
+            "than the time in which the energy changes: use the method fokker_planck, or simulate"
+        )
+    barrier = timescales.barrier(device, timescales.rest(device))
+    ratios = {
+        "correlation time over the relaxation time of the energy": rate * memory,
+        "mean period over the relaxation time of the energy": rate * period,
+        "mean energy E[X'²] over the barrier": means["mean_square_velocity"] / barrier,
+    }
+    name = max(ratios, key=lambda name: ratios[name])
+    return f"{name} = {ratios[name]:.2g}"
 
 
 def _check(s):
@@ -66,13 +94,6 @@ def _check(s):
         raise AveragingError(
             "oscillator.linear_stiffness without cubic_stiffness or stoppers does not confine the "
             "motion; give one of them"
-        )
-    memory, relaxation = s.noise.correlation_time, timescales.relaxation_time(s)
-    if memory > relaxation:
-        raise AveragingError(
-            f"correlation_time={memory:g} is above the relaxation time of {relaxation:.3g} s; "
-            "averaging assumes noise whose correlation time is shorter than the time in which the "
-            "energy changes: use the method fokker_planck, or simulate"
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(
@@ -163,4 +184,5 @@ def _means(orbits, weight, core):
         "mechanical_loss": s.damper.damping * velocity + contact,
         "mean_square_velocity": velocity,
         "mean_square_displacement": mean(1.0, "X²"),
+        "mean_period": mean(2.0 * math.pi / orbits.frequency, "1"),
     }

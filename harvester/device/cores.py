@@ -59,3 +59,8 @@ def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]
     if alike:
         return {"jump_rate": tuple(pairs)}
     return {f"jump_rate_from_well_{a + 1}_to_{b + 1}": ((a, b),) for a, b in pairs}
+
+
+def is_of_jumps(quantity: str) -> bool:
+    """Whether a stationary method computes a quantity only with `jump_rates`."""
+    return quantity.startswith("jump_rate") or quantity == "slowest_decay_rate"

@@ -6,10 +6,12 @@ from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
+from harvester.averaging.closures import CLOSURES
 from harvester.averaging.method import Stationary
 from harvester.base.arguments import Named, check_name
 from harvester.base.errors import EnergyNotBalanced, HarvesterError
 from harvester.base.serialising import plain
+from harvester.device.cores import is_of_jumps
 from harvester.engines.methods import method_of
 from harvester.engines.orbits import followed
 from harvester.engines.outcome import (
@@ -86,7 +88,7 @@ class Request:
     def __post_init__(self, step, tolerance):
         method = method_of(self.method, step=step, tolerance=tolerance)
         if isinstance(method, Stationary) and any(map(is_of_jumps, self.quantities)):
-            method = replace(method, jump_rates=True)
+            method = replace(method, jump_rates=CLOSURES[method.closure].jump_rates)
         object.__setattr__(self, "method", method)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
@@ -328,11 +330,6 @@ def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estim
     return {
         name: estimate.times(scales.of(estimate.dimension)) for name, estimate in quantities.items()
     }
-
-
-def is_of_jumps(quantity: str) -> bool:
-    """Whether a closure computes a quantity only with `jump_rates`."""
-    return quantity.startswith("jump_rate") or quantity == "slowest_decay_rate"
 
 
 def told(error: HarvesterError) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from harvester.device import timescales
 from harvester.results.drawing import axis_label
 from harvester.results.panels import set_title
+from harvester.results.view import NOT_IN_JSON
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
 # Densities below this share of their peak are left blank.
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
-# What the figures of a result need, see `harvester.results.view.Picture`.
-NOT_IN_JSON = "which JSON does not contain: run the scene again"
+# What the figure needs, see `harvester.results.view.Picture`.
 NEEDS = (
     'a joint density, of simulate(…, joint_density=True) or average(…, method="fokker_planck"), '
     f"{NOT_IN_JSON}"

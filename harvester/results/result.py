@@ -28,12 +28,13 @@ from harvester.base.reading import read_json
 from harvester.base.serialising import LEFT_OUT, NotAValue, fields_of, values_of
 from harvester.base.symbols import definitions
 from harvester.base.tables import csv_text
+from harvester.device.cores import is_of_jumps
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.results import joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result
 from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
-from harvester.results.view import Picture, ResultBase, Table, View
+from harvester.results.view import NOT_IN_JSON, Picture, ResultBase, Table, View
 from harvester.results.waveform import Waveform
 from harvester.results.waveform import draw as draw_waveform
 from harvester.scene.described import device_line
@@ -152,7 +153,7 @@ class Result(ResultBase):
     def quantity(self, name: str) -> Estimate:
         """An estimate in the scene's units, like `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
-            missing = without_line(self.scene, name)
+            missing = without_line(self.scene, name) or self._without_jump_rates(name)
             if name in (*self.densities, "density", "densities"):
                 missing = f'no quantity {name}; to_dataframe("densities") has the densities'
             if missing:
@@ -162,6 +163,14 @@ class Result(ResultBase):
         return estimate.times(self.scales.of(estimate.dimension), self.unit(estimate.dimension))
 
     __getitem__ = quantity
+
+    def _without_jump_rates(self, name):
+        """Remedy if `average` computed no jump rates of a device that jumps; else ""."""
+        jumps = self.scaled_quantities.keys() & {"well_crossing_rate", "share_in_wells"}
+        computed = self.error_kind != "numerical" or any(map(is_of_jumps, self.scaled_quantities))
+        if computed or not jumps or not is_of_jumps(name):
+            return ""
+        return f"no quantity {name}: average(…, jump_rates=True) by fokker_planck computes it"
 
     def _numbers(self) -> Named:
         """All estimates in the table; each mean square is followed by its root."""
@@ -315,7 +324,7 @@ class Result(ResultBase):
             self._findings(),
             headline=headline(self),
             pictures=[
-                Picture(draw_result, self, needs=f"densities, {joint_drawing.NOT_IN_JSON}"),
+                Picture(draw_result, self, needs=f"densities, {NOT_IN_JSON}"),
                 Picture(joint_drawing.draw, [self], "joint", joint_drawing.NEEDS),
                 *([Picture(draw_waveform, self.waveform, "waveform")] if self.waveform else []),
             ],

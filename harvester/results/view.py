@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 ERROR = " standard error"
 # Maximum length of a result's `repr`.
 LONGEST_REPR = 150
+# Part of a message on densities.
+NOT_IN_JSON = "which JSON does not contain: run the scene again"
 # Maximum numbers of table rows and sentences in a notebook; `to_dataframe` has all rows.
 NOTEBOOK_ROWS, NOTEBOOK_FINDINGS = 60, 12
 
@@ -266,7 +268,7 @@ class ResultBase(ABC):
         Raises
         ------
         UnknownQuantity
-            The result has no such table.
+            The result has no such table, or no densities.
         MissingLibrary
             pandas is missing; it is in the extra `study`.
         """
@@ -275,6 +277,8 @@ class ResultBase(ABC):
         if view.methods:
             tables["densities"] = partial(_densities, view.methods)
         header, rows = tables[table]()
+        if table == "densities" and not rows:
+            raise UnknownQuantity(f"{kind}: no densities, {NOT_IN_JSON}")
         library = optional_library("pandas", f"{kind}.to_dataframe", "study")
         return library.DataFrame(rows, columns=list(header))
 

@@ -11,7 +11,6 @@ from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.scene.prepared import prepared
 from harvester.scene.tables import key_words
-from harvester.scene.units import rest_stiffness
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -23,14 +22,16 @@ MOST_VALUES = 8
 def device_line(scene: Scene) -> tuple[str, ...]:
     """One line on an SI scene's device at its stiffest rest position; empty for scaled scenes.
 
-    Frequency and quality factor belong to mass, spring and damper alone (a shorted piezo);
+    Frequency and quality factor belong to mass, spring, compressed stoppers and damper alone (a
+    shorted piezo). The damping of a contact does not count.
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
     if scene.units != "SI" or scene.excitation.prescribes_displacement:
         return ()
-    oscillator = scene.oscillator
+    oscillator, system = scene.oscillator, prepared(scene).system
     mass: Any = oscillator.mass
-    stiffness = rest_stiffness(oscillator)
+    wells = {timescales.stiffness(system, well): well for well in timescales.wells(system)}
+    stiffness = mass * max(wells, default=0.0)
     if stiffness <= 0.0:
         return ()
     rate = math.sqrt(stiffness / mass)
@@ -43,7 +44,12 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     ]
     parts += _wells(scene)
     if ratio > 0.0:
-        parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
+        low, high = timescales.free_zone(system)
+        pressed = not low < wells[max(wells)] < high
+        parts.append(
+            f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}"
+            + " (damper alone, without the pressed stopper)" * pressed
+        )
     transducer: Any = scene.transducer
     matched = "the winding's"
     if getattr(transducer, "capacitance", None):

@@ -144,9 +144,9 @@ def _averaged(scene):
     from harvester.averaging.of_scene import average
 
     closures, refused = {}, {}
-    for closure in CLOSURES:
+    for closure, method in CLOSURES.items():
         try:
-            closures[closure] = average(scene, method=closure, jump_rates=True)
+            closures[closure] = average(scene, method=closure, jump_rates=method.jump_rates)
         except (AveragingError, LoadError) as error:
             refused[closure] = str(error)
     return closures, refused

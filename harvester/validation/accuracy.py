@@ -197,8 +197,9 @@ class Accuracy(ResultBase):
             f"sampling error of the long run: {sampling or TOO_SHORT}",
             *[f"1 % of E[V²] takes {needed:.3g} simulated seconds"] * (needed < math.inf),
             "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
-            "and without the start of the program; never: the bias alone is larger; (?): the bias "
-            "is too uncertain to show that this error is reached",
+            "and without the start of the program; never: the bias alone is larger by over two "
+            "standard errors; unknown or (?): the bias is too uncertain to show whether this error "
+            "is reached",
             *(f"{name}: {ratio:.3g}" for name, ratio in ratios(speeds).items()),
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
@@ -293,8 +294,11 @@ def reached(error: Any, limit: float, whole: float = 0.0) -> str:
     `whole`: seconds of a method without noise, whose answer takes the same time at any error.
     """
     seconds = whole + error.seconds_to(limit) if error else math.nan
-    if not math.isfinite(seconds):
-        return NEVER if math.isinf(seconds) else NOT_KNOWN
+    if math.isinf(seconds):
+        return NEVER
+    if math.isnan(seconds):
+        bare = not error or error.bias.standard_error is None
+        return NOT_KNOWN if bare else Printed(f"unknown (bias {_percent(error.bias)})", seconds)
     return Printed(duration(seconds) + UNCERTAIN * (not error.is_shown(limit)), seconds, None, "s")
 
 

@@ -159,16 +159,24 @@ class TotalError:
         return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
 
     def seconds_to(self, limit: float) -> float:
-        """Wall time to a total error; infinite if the bias alone is larger, nan if unknown."""
+        """Wall time to a total error; infinite if the bias alone is shown to be larger.
+
+        nan if this is unknown.
+        """
         left = limit**2 - self.resolved_bias**2
-        if math.isnan(left):
-            return math.nan
-        return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
+        if left > 0.0:
+            return self.scatter**2 * self.cost / left
+        return math.inf if abs(self.bias.estimate) - self._margin > limit else math.nan
+
+    @property
+    def _margin(self):
+        """`BIAS_SIGMAS` standard errors of the bias; infinite without an error bar."""
+        error = self.bias.standard_error
+        return math.inf if error is None else BIAS_SIGMAS * error
 
     def is_shown(self, limit: float) -> bool:
         """Whether |bias| plus `BIAS_SIGMAS` standard errors is within this error."""
-        error = self.bias.standard_error
-        return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
+        return abs(self.bias.estimate) + self._margin <= limit
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, with the times at each of `LIMITS`."""

@@ -189,6 +189,8 @@ def test_plain_values_lead_back_to_the_result(result):
         again.figure()
     with pytest.raises(harvester.UnknownQuantity, match="joint_density=True"):
         again.figure("joint")
+    with pytest.raises(harvester.UnknownQuantity, match="no densities, which JSON does not"):
+        again.to_dataframe("densities")
 
 
 def test_a_results_json_is_read_and_that_of_a_study_refused(result, tmp_path, pool):

@@ -3,8 +3,10 @@
 import math
 
 import pytest
+from scipy.optimize import brentq
 
 from harvester.base.errors import SceneError
+from harvester.base.formatting import quantity
 from harvester.base.numbers import NotANumber
 from harvester.base.signatures import grid_of, pair_of, range_of
 from harvester.excitation.sine import Sine
@@ -113,6 +115,21 @@ def test_the_line_on_the_device_has_wells_and_barriers():
     assert "wells at -10.6 mm, 9.62 mm, energy barriers 1.07 mJ, 2.39 mJ" in line
     (line,) = device_line(Scene.read("tristable"))
     assert "wells at -12.8 mm, 0 m, 12.8 mm" in line
+
+
+def test_the_line_on_a_mass_pressed_against_a_stopper_is_of_the_total_force():
+    """Spring slope and 3/2 K √depth at the well, with its depth from the balance of forces."""
+    stoppers = {"gap": 4e-3, "stiffness": 4e5, "restitution": 0.6}
+    (line,) = device_line(Scene.read("device").replace(stoppers=stoppers))
+    oscillator = Scene.read("device").oscillator
+    linear, cubic = oscillator.linear_stiffness, oscillator.cubic_stiffness
+    well = brentq(lambda x: linear * x + cubic * x**3 + 4e5 * (x - 4e-3) ** 1.5, 4e-3, 1e-2)
+    stiffness = linear + 3.0 * cubic * well**2 + 1.5 * 4e5 * math.sqrt(well - 4e-3)
+    rate = math.sqrt(stiffness / oscillator.mass)
+    assert f"stiffness {stiffness:.4g} N/m" in line
+    assert f"{quantity(rate / (2.0 * math.pi), 'Hz')} at rest" in line
+    assert f"Q = {oscillator.mass * rate / oscillator.damping:.3g}" in line
+    assert "(damper alone, without the pressed stopper)" in line
 
 
 @pytest.mark.parametrize(

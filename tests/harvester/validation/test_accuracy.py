@@ -282,10 +282,20 @@ def test_a_bias_within_its_own_error_bar_is_none_but_shows_nothing():
     assert reached(total_error(0.01, None), 0.1) == "—"
 
 
+def test_a_bias_that_may_be_below_the_error_does_not_say_never():
+    error = total_error(0.053, 0.029)
+    assert math.isnan(error.seconds_to(0.03))
+    assert reached(error, 0.03) == "unknown (bias +5.3 ± 2.9 %)"
+    content = error.to_dict()
+    assert (content["seconds_to"]["0.03"], content["shown"]["0.03"]) == (None, False)
+    assert reached(total_error(0.09, 0.029), 0.03) == "never"
+
+
 def test_a_closures_bias_within_its_error_bar_is_uncertain_also_in_a_frame(diagram, monkeypatch):
     for size, error, text in (
         (0.011, 0.013, "2 s (?)"),
         (0.02, 0.001, "never"),
+        (0.02, 0.006, "unknown (bias +2.00 ± 0.60 %)"),
         (0.001, 0.001, "2 s"),
     ):
         bias = Estimate(size, error, None, "1")
