@@ -50,7 +50,6 @@ from harvester.studies.sweep import (
     Sweep,
     columns,
     orbits_of,
-    outcome_and_notes,
     placed_notes,
     variables_of,
 )
@@ -263,8 +262,7 @@ class LoadStudy(ResultBase):
             ]
         best: Any = self.best(where)
         efficiency = next((best.estimates[n] for n in EFFICIENCIES if n in best.estimates), None)
-        outcome = outcome_and_notes(best)[0]
-        notes = [optimum.note, "" if outcome == COMPLETE else outcome]
+        notes = [optimum.note, "" if best.outcome == COMPLETE else best.outcome]
         notes += self._unranked(where, key)
         if self.precision and best.realizations:
             reached, asked = best.relative_error, self.precision
@@ -407,8 +405,8 @@ class LoadStudy(ResultBase):
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
                 evaluation.realizations,
-                outcome_and_notes(evaluation)[0],
-                "; ".join(outcome_and_notes(evaluation)[1]),
+                evaluation.outcome,
+                "; ".join(evaluation.notes),
             ]
             for point, evaluation, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
@@ -453,6 +451,7 @@ class LoadStudy(ResultBase):
                     {
                         **self._where(k),
                         "outcome": evaluation.outcome,
+                        "notes": evaluation.notes,
                         "realizations": evaluation.realizations,
                         "quantities": evaluation.estimates,
                         **orbits_of(self.scene, evaluation.orbits),
@@ -515,9 +514,9 @@ class LoadStudy(ResultBase):
         """Failures of points and notes on other points, without duplicates."""
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
-            outcome, notes = outcome_and_notes(evaluation)
             values = self._swept_values(point)
-            lines = notes if outcome == COMPLETE else [outcome]
+            complete = evaluation.outcome == COMPLETE
+            lines = evaluation.notes if complete else [evaluation.outcome]
             points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
             for note, where in placed_notes(noted):
