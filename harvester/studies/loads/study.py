@@ -209,12 +209,15 @@ class LoadStudy(ResultBase):
         """(order, differences) of curves, which are given by name, at their optima."""
         best = {name: e for name, where in curves.items() if (e := self.best(where))}
         powers = {name: e.power for name, e in best.items()}
-        # Without noise a power has no statistical error, even if there are few batches.
-        exact = not self.scene.excitation.random and any(
-            math.isnan(e.power_error) for e in best.values()
-        )
+        # A periodic motion's power has no statistical error, even if there are few batches.
+        exact = self._periodic and any(math.isnan(e.power_error) for e in best.values())
         series = {name: None if exact else e.series for name, e in best.items()}
         return rank(powers, series)
+
+    @property
+    def _periodic(self):
+        excitation = self.scene.excitation
+        return bool(excitation.period) and not excitation.random
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Yield the points of the other sweeps with their values as text, "" if there are none."""
@@ -504,11 +507,12 @@ class LoadStudy(ResultBase):
         yield f"ranking at the optima{f', {words}' if words else ''}: {order[0]}{ranking}"
         for lead in leads:
             distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
-            has_error = self.scene.excitation.random and math.isfinite(distance)
+            has_error = not self._periodic and math.isfinite(distance)
             sure = f", {distance:.1f} standard errors" if has_error else ""
             known = not math.isnan(lead.standard_error)
             sure += ", no significant difference" * (known and not lead.differs)
-            yield f"  {lead.better} over {lead.worse}: {share_with_error(lead)} (paired){sure}"
+            share = f"{share_with_error(lead)}{' (paired)' * known}"
+            yield f"  {lead.better} over {lead.worse}: {share}{sure}"
 
     def _failures(self):
         """Failures of points and notes on other points, without duplicates."""

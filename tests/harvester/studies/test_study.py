@@ -114,11 +114,26 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
         ranking, sentence = study.sentences()[:2]
         assert ranking == f"ranking at the optima: {lead.better} {sign} {lead.worse}"
         assert sentence.endswith("no significant difference") == (sign == "=")
+        assert sentence.endswith("+10 % (no error bar)") == (sign == "?")
         equal = f", not significantly more than from {lead.worse}"
         assert study.view().headline.endswith(equal) == (sign == "=")
         unknown = f", with a difference of unknown error to {lead.worse}"
         assert study.view().headline.endswith(unknown) == (sign == "?")
     assert all(e.relative_error > 0.02 for e in study.evaluations)
+
+
+def test_a_short_record_does_not_rank_without_an_error_bar(linear, pool, tmp_path):
+    random = np.random.default_rng(3)
+    rows = [f"{0.2 * k:.1f},{value}" for k, value in enumerate(random.normal(size=600))]
+    (tmp_path / "shaker.csv").write_text("t,a\n" + "\n".join(rows) + "\n")
+    record = {"kind": "record", "file": str(tmp_path / "shaker.csv"), "unit": "scaled"}
+    scene = linear.replace({"excitation": record, "run.duration": 30.0})
+    over = {RESISTANCE: [0.3, 0.4, 0.5], "oscillator.cubic_stiffness": [0.0, 0.5]}
+    study = load_study(scene, loads=["resistor"], over=over, method="monte-carlo", executor=pool)
+    assert any(math.isnan(evaluation.power_error) for evaluation in study.evaluations)
+    _, (difference,) = study.ranked_curves
+    assert difference.standard_error != 0.0
+    assert not difference.differs
 
 
 @pytest.mark.parametrize("realizations", [4, 8, 64])
@@ -327,7 +342,7 @@ def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path
     first = load_study(linear, loads=["resistor"], over=sweeps, time_budget=1e-3, **options)
     assert first.out_of_time
     assert first.computed == 0
-    assert first.warnings[-1].endswith("no task was finished; give a longer time budget")
+    assert first.warnings[-1].endswith("one takes longer: try a time budget of 1 s")
     last = load_study(linear, loads=["resistor"], over=sweeps, **options)
     assert not last.out_of_time
 
