@@ -1,4 +1,4 @@
-"""Self-contained netlists: a `.cir` file with a PWL source for plain `ngspice -b`."""
+"""Self-contained netlists: a `.cir` file with a PWL source for plain `ngspice -b -r FILE.raw`."""
 
 from __future__ import annotations
 

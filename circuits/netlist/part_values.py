@@ -22,8 +22,8 @@ _JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u"
 
 
 def conductance(parts: Iterable[Element]) -> float:
-    """The conductance (S) of resistors in parallel, without negative resistances."""
-    return sum(max(1.0 / part.size, 0.0) for part in parts if part.letter == "r" and part.size)
+    """The conductance (S) of resistors in parallel."""
+    return sum(1.0 / part.size for part in parts if part.letter == "r" and part.size)
 
 
 def capacitance(parts: Iterable[Element]) -> float:

@@ -297,6 +297,11 @@ def _across_output(top, parts, measures):
             raise NetlistError(
                 f"{part.where}: {part.name} is across out and ref: give it a constant value"
             )
+        if part.letter == "r" and (part.size or 0.0) < 0.0:
+            raise NetlistError(
+                f"{part.where}: {part.name} is across out and ref: its resistance, "
+                f"{part.size:g} Ω, must be above 0"
+            )
     if not across and all(measure.kind != OUTPUT for measure in measures):
         refuse(
             top.card,

@@ -133,7 +133,7 @@ def share_with_error(estimate: Estimated, sign: bool = True) -> Printed:
     unknown = bool(getattr(estimate, "note", "")) or (
         error is not None and not math.isfinite(error)
     )
-    text = f"{value:.2f}"
+    text = _number(value, 3) if unknown else f"{value:.2f}"
     if error is not None and not unknown:
         text = _value_and_error(value, 100.0 * error)
     plus = "+" if sign and text[0] != "(" and float(text.split()[0]) > 0.0 else ""

@@ -34,6 +34,10 @@ LIST = "0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or 0.1,0.2,0.5"
 BY_KEY = f"written as TABLE.KEY=LIST, the list as {LIST}"
 
 
+class OutOfRange(ValueError):
+    """A text has the required form, but its numbers are not allowed; the message says why."""
+
+
 @dataclass(frozen=True)
 class Kind:
     """Properties of an option that its annotation adds to its Python type.
@@ -82,9 +86,12 @@ def grid_of(text: str) -> list[float]:
     (spacing,) = words or ["linear"]
     grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
     low, high, count = number(first), number(last), int(points)
-    allowed = low > 0.0 or spacing == "linear"
-    if not (allowed and low < high < math.inf and 1 < count <= MOST_NUMBERS):
-        raise ValueError(text)
+    if spacing == "log" and not low > 0.0:
+        raise OutOfRange(f"log needs values above 0: {first} is not")
+    if not low < high < math.inf:
+        raise OutOfRange(f"{first} must be below {last}, the last value")
+    if not 1 < count <= MOST_NUMBERS:
+        raise OutOfRange(f"the number of values must be from 2 to {MOST_NUMBERS}")
     return [float(value) for value in grid(low, high, count)]
 
 

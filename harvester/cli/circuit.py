@@ -31,7 +31,7 @@ def netlist(
     step: Step = "default",
     realization: int = 0,
 ) -> None:
-    """Write a self-contained .cir that plain `ngspice -b` runs.
+    """Write a self-contained .cir that plain `ngspice -b -r FILE.raw` runs.
 
     Parameters
     ----------

@@ -27,6 +27,7 @@ from harvester.base.signatures import (
     BY_TYPE,
     Kind,
     Option,
+    OutOfRange,
     Overrides,
     RunnerOptions,
     Seed,
@@ -145,8 +146,9 @@ def _reader(option):
                 values.append(convert(words if kind.words else words[0]))
             except (ValueError, LookupError) as error:
                 reason = f" ({error})" if isinstance(error, NotANumber) else ""
+                fault = error if isinstance(error, OutOfRange) else f"must be {required}{reason}"
                 raise HarvesterError(
-                    f"{option.spelling} {named(' '.join(words))}: must be {required}{reason}"
+                    f"{option.spelling} {named(' '.join(words))}: {fault}"
                 ) from None
         value = kind.join(values, option.spelling) if kind.join else values[-1]
         option.check(value)

@@ -22,6 +22,8 @@ from harvester.engines.task import Task, Wanted, compute
 
 # Largest number of damaged answers that are named.
 MOST_NAMED = 10
+# If no task was finished, this multiple of the time budget is advised.
+LONGER_BUDGET = 10.0
 # Share of the time budget by which running tasks may exceed it before they are terminated.
 OVERRUN = 0.05
 
@@ -56,7 +58,7 @@ class Runner:
         self.pool, self.folder, self.time_limit = pool, folder, time_limit
         self.out_of_time = False
         self._store, self._deadline = AnswerStore(folder), deadline
-        self._overrun = OVERRUN * (deadline - time.monotonic())
+        self._budget = deadline - time.monotonic()
         self._longest_task = 0.0
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()
@@ -102,8 +104,12 @@ class Runner:
         """What to do if the time budget was spent."""
         if not self.computed:
             seconds = self._longest_task
-            needs = f"; one takes about {number(seconds, 2)} s" if seconds else ""
-            return f"no task was finished{needs}; give a longer time budget"
+            takes = f"about {number(seconds, 2)} s" if seconds else "longer"
+            needs = math.ceil(max(LONGER_BUDGET * self._budget, 2.0 * seconds))
+            return (
+                f"no task was finished within {number(self._budget, 2)} s; one takes {takes}: "
+                f"try a time budget of {needs} s"
+            )
         if self.folder:
             return "repeat the same command or call to continue"
         return "give a longer one, or an output folder from which the next call continues"
@@ -205,7 +211,7 @@ class _Following:
             while self._waiting:
                 if self._runner._is_time_spent():
                     self._leave_out()
-                if self._runner._is_time_spent(self._runner._overrun):
+                if self._runner._is_time_spent(OVERRUN * self._runner._budget):
                     self._end_running()
                 self._hand_over()
                 self._collect()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,6 +66,14 @@ class Block:
     def comment(self) -> list[str]:
         """The header of the block's file; see `circuits.equivalent.block.head.head`."""
         return head(self.ready, self.parameters)
+
+    @property
+    def covered(self) -> str:
+        """A sentence on the time that the vibration covers."""
+        return (
+            f"the vibration covers {self.vibration[-1, 0]:.4g} s and then keeps its last value: "
+            "--duration SECONDS lengthens it"
+        )
 
     @property
     def load_resistance(self) -> float:
@@ -152,6 +161,7 @@ def write_subcircuit(
     realization: int = 0,
     displacement_unit: float = 1e-3,
     duration: float | None = None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
     """Write the sub-circuit, a symbol, a test deck and the vibration.
 
@@ -163,10 +173,13 @@ def write_subcircuit(
         One of `circuits.equivalent.block.target_dialects.DIALECTS`.
     step, realization, displacement_unit, duration
         See `block_of`.
+    report : callable
+        Called with a note on the time that the vibration covers.
     """
     check_dialect(dialect, DIALECTS)
     folder = folder_of(output, "subckt")
     block = block_of(setup, step, realization, displacement_unit, duration)
+    report(block.covered)
     comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
         # These simulators may not read multi-byte characters.
@@ -189,16 +202,18 @@ def write_verilog_a(
     realization: int = 0,
     displacement_unit: float = 1e-3,
     duration: float | None = None,
+    report: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
     """Write the Verilog-A module, a deck for VACASK and one for ngspice with OSDI.
 
     Parameters
     ----------
-    setup, output, step, realization, displacement_unit, duration
+    setup, output, step, realization, displacement_unit, duration, report
         See `write_subcircuit`.
     """
     folder = folder_of(output, "verilog-a")
     block = block_of(setup, step, realization, displacement_unit, duration)
+    report(block.covered)
     name = block.name
     files = {f"{name}.va": module(name, block.parameters), f"{name}_test.sim": _vacask_deck(block)}
     files |= _vibration_file(block, "ngspice")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.scene.prepared import prepared
-from harvester.scene.tables import key_words
+from harvester.scene.tables import key_words, value_words
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -78,15 +78,22 @@ def scene_rows(scenes: Sequence[Scene]) -> list[tuple[str, str]]:
     texts: dict[str, dict[str, None]] = {}
     for scene in scenes:
         for name, value in _entries("", scene.to_tables()):
-            text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            text = _entry_words(name, value, scene.units)
             texts.setdefault(name, {})[text] = None
     rows = []
     for name, values in texts.items():
-        words, unit = [*values], key_words(name, scenes[0].units)[1]
+        words = [*values]
         if len(words) > MOST_VALUES:
             words[1:-1] = [f"… ({len(words)} values) …"]
-        rows.append((name, ", ".join(words) + f" {unit}" * (unit not in ("", "1"))))
+        rows.append((name, ", ".join(words)))
     return rows
+
+
+def _entry_words(name, value, units):
+    if isinstance(value, (str, float)):
+        return value_words(name, value, units)
+    unit = key_words(name, units)[1]
+    return json.dumps(value, ensure_ascii=False) + f" {unit}" * (unit not in ("", "1"))
 
 
 def _entries(name, value):

@@ -107,7 +107,7 @@ def _check_same_noise(result, reference):
                 f"paired_difference: run.{key} = {first} and {second}: the runs are not on the "
                 "same noise; simulate both scenes with the same [run]"
             )
-    if not np.allclose(*times, rtol=1e-6):
+    if not np.allclose(times[0], times[1], rtol=1e-6):
         raise HarvesterError(
             "paired_difference: the batches of the two runs differ in time; simulate both scenes "
             "with the same [run] and excitation"

@@ -143,16 +143,19 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
 
 def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
     """A note on the power from sources of a load; see `efficiency_notes`."""
-    supplied = [
-        f"supplied by {name.removeprefix(SUPPLIED)}: "
-        f"{quantity(estimate.estimate * power_scale, unit, 3)}"
+    powers = {
+        name.removeprefix(SUPPLIED): quantity(estimate.estimate * power_scale, unit, 3)
         for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
-    ]
+    }
+    supplied = [f"supplied by {name}: {power}" for name, power in powers.items()]
     output = estimates.get("mean_output_power")
     nothing = output is not None and not output.estimate > 0.0
     voltage = estimates.get("output_voltage")
-    advice = "let the source draw its power from the load, as a converter does"
+    advice = (
+        "let a source draw this power from the load, controlled by the current of a 0 V source in "
+        f"series with {', '.join(powers)}, as in docs/how-to/rectifier.md, 'Add a regulator'"
+    )
     if voltage is not None and voltage.estimate < 0.0:
         advice = "the output voltage is below 0 V, since the load demands too much: reduce it"
     return bool(supplied) * (

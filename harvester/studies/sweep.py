@@ -54,6 +54,8 @@ class Cell:
         Estimates in the scene's units.
     orbits
         The orbits reached from the starts without noise, the followed one first.
+    notes
+        Notes on the estimates.
     """
 
     method: str
@@ -61,6 +63,7 @@ class Cell:
     estimates: dict[str, Estimate] = field(default_factory=dict)
     realizations: int = 0
     orbits: tuple[Attractor, ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,8 +123,7 @@ class Sweep(ResultBase):
                 unit = unit_of(self.scene, estimate.dimension) if name in cell.estimates else ""
                 error = math.nan if estimate.standard_error is None else estimate.standard_error
                 row = [*point, cell.method, name, estimate.estimate, error, unit]
-                outcome, notes = outcome_and_notes(cell)
-                rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
+                rows.append([*row, cell.realizations, cell.outcome, "; ".join(cell.notes)])
         return [*header, "realizations", "outcome", "notes"], rows
 
     def _dataset(self) -> Dataset:
@@ -172,15 +174,13 @@ class Sweep(ResultBase):
             realizations = written(cell.realizations, "d") if cell.realizations else ""
             row = [cell.method, *map(in_words, point), *texts]
             kind = "numerical" if cell.method in CLOSURES else "statistical"
-            rows.append([*row, realizations, outcome_and_notes(cell)[0], *[kind] * mixed])
+            rows.append([*row, realizations, cell.outcome, *[kind] * mixed])
         return [*header, "realizations", "outcome", *["kind of error"] * mixed], rows
 
     def _findings(self) -> list[str]:
         """Sentences on how the numbers were obtained, and caveats for citing them."""
         run = self.scene.run
-        notes = placed_notes(
-            (self._where(point, ""), outcome_and_notes(cell)[1]) for point, cell in self.places()
-        )
+        notes = placed_notes((self._where(point, ""), cell.notes) for point, cell in self.places())
         settings = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
@@ -225,6 +225,7 @@ class Sweep(ResultBase):
                         "place": dict(zip(self.values, point, strict=True)),
                         "method": cell.method,
                         "outcome": cell.outcome,
+                        "notes": cell.notes,
                         "realizations": cell.realizations,
                         "quantities": {
                             name: estimate.to_dict(unit_of(self.scene, estimate.dimension))
@@ -264,12 +265,6 @@ def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, 
     ]
 
 
-def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
-    """The outcome, and the notes of a complete one."""
-    first, *notes = cell.outcome.split("; ")
-    return (first, notes) if first == COMPLETE else (cell.outcome, [])
-
-
 def cells_of(labels: Sequence[str], answers: Sequence, quantities: Sequence[str]) -> np.ndarray:
     """The cells of a sweep from the answers for every point and method (varying fastest).
 
@@ -287,16 +282,15 @@ def _cell(method, answer, quantities):
         return Cell(method, OUT_OF_TIME)
     if isinstance(answer, HarvesterError):
         return Cell(method, told(answer))
-    outcome, names = answer.outcome, {*answer.quantities, *quantities}
+    names = {*answer.quantities, *quantities}
     estimates = {name: mean for name, mean in answer.in_units().items() if name in names}
-    if outcome == COMPLETE:
-        missing = [f"{method} computes no {name}" for name in quantities if name not in estimates]
-        outcome = "; ".join([COMPLETE, *answer.notes, *missing])
-    return Cell(method, outcome, estimates, answer.realizations, answer.orbits)
+    missing = [f"{method} computes no {name}" for name in quantities if name not in estimates]
+    notes = (*answer.notes, *missing) if answer.outcome == COMPLETE else ()
+    return Cell(method, answer.outcome, estimates, answer.realizations, answer.orbits, notes)
 
 
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
-    """Variables of an xarray Dataset: every quantity, its error, realizations and outcome.
+    """Variables of an xarray Dataset: every quantity, its error, realizations, outcome and notes.
 
     `cells`: cells with one axis for each dimension.
     """
@@ -305,6 +299,7 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
     }
     variables["realizations"] = (dimensions, _array_of(cells, lambda c: c.realizations, np.int32))
     variables["outcome"] = (dimensions, _array_of(cells, lambda c: c.outcome, str))
+    variables["notes"] = (dimensions, _array_of(cells, lambda c: "; ".join(c.notes), str))
     return variables
 
 

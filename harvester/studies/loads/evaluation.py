@@ -150,7 +150,7 @@ def evaluating(
     aim = sampling_error_budget(precision, cost) if precision else None
     evaluation = yield from in_rounds(cut, first, most, aim, judge)
     note = note_on_steps(precision, cost) if precision and evaluation.realizations else ""
-    return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
+    return replace(evaluation, notes=(*evaluation.notes, note)) if note else evaluation
 
 
 def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
@@ -187,9 +187,9 @@ def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
     why = power.note if power.standard_error is None and not run.shortfalls else ""
     reason = (f"output power: {why}",) if why else ()
     notes = (*on_orbits, *run.notes, *residual_notes(run.residual), *reason)
-    outcome = "; ".join([COMPLETE, *notes])
+    outcome = COMPLETE
     if isinstance(ended, HarvesterError):
-        outcome = f"ended after {len(moments)} realizations: {told(ended)}"
+        outcome, notes = f"ended after {len(moments)} realizations: {told(ended)}", ()
     waveform = answers[0]["waveform"]
     if waveform is not None:
         factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
@@ -201,6 +201,7 @@ def _evaluate(prepared_scene, method, answers, ended, cost=0.0):
         series=series,
         realizations=len(moments),
         orbits=orbits,
+        notes=notes,
         power_error=_or_nan(power.standard_error),
         waveform=waveform,
     )

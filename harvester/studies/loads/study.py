@@ -50,7 +50,6 @@ from harvester.studies.sweep import (
     Sweep,
     columns,
     orbits_of,
-    outcome_and_notes,
     placed_notes,
     variables_of,
 )
@@ -210,12 +209,15 @@ class LoadStudy(ResultBase):
         """(order, differences) of curves, which are given by name, at their optima."""
         best = {name: e for name, where in curves.items() if (e := self.best(where))}
         powers = {name: e.power for name, e in best.items()}
-        # Without noise a power has no statistical error, even if there are few batches.
-        exact = not self.scene.excitation.random and any(
-            math.isnan(e.power_error) for e in best.values()
-        )
+        # A periodic motion's power has no statistical error, even if there are few batches.
+        exact = self._periodic and any(math.isnan(e.power_error) for e in best.values())
         series = {name: None if exact else e.series for name, e in best.items()}
         return rank(powers, series)
+
+    @property
+    def _periodic(self):
+        excitation = self.scene.excitation
+        return bool(excitation.period) and not excitation.random
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Yield the points of the other sweeps with their values as text, "" if there are none."""
@@ -263,8 +265,7 @@ class LoadStudy(ResultBase):
             ]
         best: Any = self.best(where)
         efficiency = next((best.estimates[n] for n in EFFICIENCIES if n in best.estimates), None)
-        outcome = outcome_and_notes(best)[0]
-        notes = [optimum.note, "" if outcome == COMPLETE else outcome]
+        notes = [optimum.note, "" if best.outcome == COMPLETE else best.outcome]
         notes += self._unranked(where, key)
         if self.precision and best.realizations:
             reached, asked = best.relative_error, self.precision
@@ -407,8 +408,8 @@ class LoadStudy(ResultBase):
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
                 evaluation.realizations,
-                outcome_and_notes(evaluation)[0],
-                "; ".join(outcome_and_notes(evaluation)[1]),
+                evaluation.outcome,
+                "; ".join(evaluation.notes),
             ]
             for point, evaluation, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
@@ -453,6 +454,7 @@ class LoadStudy(ResultBase):
                     {
                         **self._where(k),
                         "outcome": evaluation.outcome,
+                        "notes": evaluation.notes,
                         "realizations": evaluation.realizations,
                         "quantities": evaluation.estimates,
                         **orbits_of(self.scene, evaluation.orbits),
@@ -505,19 +507,20 @@ class LoadStudy(ResultBase):
         yield f"ranking at the optima{f', {words}' if words else ''}: {order[0]}{ranking}"
         for lead in leads:
             distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
-            has_error = self.scene.excitation.random and math.isfinite(distance)
+            has_error = not self._periodic and math.isfinite(distance)
             sure = f", {distance:.1f} standard errors" if has_error else ""
             known = not math.isnan(lead.standard_error)
             sure += ", no significant difference" * (known and not lead.differs)
-            yield f"  {lead.better} over {lead.worse}: {share_with_error(lead)} (paired){sure}"
+            share = f"{share_with_error(lead)}{' (paired)' * known}"
+            yield f"  {lead.better} over {lead.worse}: {share}{sure}"
 
     def _failures(self):
         """Failures of points and notes on other points, without duplicates."""
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
-            outcome, notes = outcome_and_notes(evaluation)
             values = self._swept_values(point)
-            lines = notes if outcome == COMPLETE else [outcome]
+            complete = evaluation.outcome == COMPLETE
+            lines = evaluation.notes if complete else [evaluation.outcome]
             points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
             for note, where in placed_notes(noted):

@@ -99,10 +99,28 @@ def test_what_varies_across_the_output_is_refused(tmp_path, body, before):
 
 
 @pytest.mark.parametrize(
+    "body",
+    [
+        "R1 out ref -50k",
+        "R1 ref out 50k m=-1",
+        "R2 out ref 10k\nR1 out ref -50k",
+        "X1 out ref rr\n.subckt rr a b r=-50k\nR1 a b {r}\n.ends",
+    ],
+)
+def test_a_negative_output_resistance_is_refused(tmp_path, body):
+    path = tmp_path / "load.lib"
+    path.write_text(DIRECT.format(before="", body=body))
+    with pytest.raises(
+        NetlistError, match=r"^load\.lib:\d+: [\w.]*r1 is .* -50000 Ω, must be above 0"
+    ):
+        read_load(path, "load")
+
+
+@pytest.mark.parametrize(
     ("body", "efficiency"),
     [
-        ("R1 out ref 300k\nR2 out ref -600k", 1.9),
-        ("R1 out ref 300k\nR2 out ref 600k m=-1", 1.9),
+        ("R1 out ref 300k\nRs out b 1\nR2 b ref -600k", 1.9),
+        ("R1 out ref 300k\nRs out b 1\nR2 b ref 600k m=-1", 1.9),
     ],
 )
 def test_a_load_that_delivers_energy_is_named_with_how_much(tmp_path, pool, body, efficiency):

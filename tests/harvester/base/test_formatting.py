@@ -68,6 +68,7 @@ def test_shares_and_counts_are_short():
     assert share_with_error(estimate(0.0015, 0.0002)) == "+0.150 ± 0.020 %"
     assert share_with_error(estimate(7e-16, 0.3)) == "0 ± 30 %"
     assert share_with_error(estimate(7e-16, 0.003)) == "0.00 ± 0.30 %"
+    assert share_with_error(estimate(0.434564, math.nan)) == "+43.5 % (no error bar)"
     assert count(0.3) == "below 1"
     assert count(9137607) == "9,100,000"
     assert (count(96.4), count(None)) == ("96", "")

@@ -239,6 +239,10 @@ def test_records_are_grouped_by_the_option_that_they_follow():
         ("--workers 0", "--workers 0: must be a whole number"),
         ("--sweep x", "--sweep x: must be written as TABLE.KEY=LIST"),
         ("--sweep x=1:2", "--sweep x=1:2: must be written as .* 0.1:2:log:40"),
+        ("--sweep x=-1k:10k:log:3", "--sweep x=-1k:10k:log:3: log needs values above 0: -1k is"),
+        ("--sweep x=10k:1k:log:3", "--sweep x=10k:1k:log:3: 10k must be below 1k, the last value"),
+        ("--sweep x=1:2:3:1", "--sweep x=1:2:3:1: must be written as"),
+        ("--sweep x=1:2:log:1", "--sweep x=1:2:log:1: the number of values must be from 2 to"),
     ],
 )
 def test_a_value_that_the_annotation_excludes_is_refused(words, message):

@@ -61,3 +61,12 @@ def test_a_kind_or_an_option_that_is_not_there_is_refused_by_name(tmp_path):
         write(scene, "verilog-a", tmp_path, dialect="ltspice")
     with pytest.raises(HarvesterError, match="--as subckt writes several files"):
         write(scene, "subckt", "-")
+
+
+@pytest.mark.parametrize("kind", ["subckt", "verilog-a"])
+def test_a_block_names_the_time_that_its_vibration_covers(tmp_path, kind):
+    lines: list[str] = []
+    write(Scene.read("device"), kind, tmp_path, lines.append, duration=0.3)
+    assert lines[0].startswith(
+        "the vibration covers 0.3 s and then keeps its last value: --duration"
+    )

@@ -10,7 +10,7 @@ from harvester.base.formatting import quantity
 from harvester.base.numbers import NotANumber
 from harvester.base.signatures import grid_of, pair_of, range_of
 from harvester.excitation.sine import Sine
-from harvester.scene.described import device_line
+from harvester.scene.described import device_line, scene_rows
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.units import rest_stiffness
@@ -35,6 +35,18 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
     bistable = Scene.read("device", ["oscillator.damping_ratio=0.01"])
     rest = math.sqrt(2.0 * 63.451 * 0.022)
     assert bistable.oscillator.damping == pytest.approx(2.0 * 0.01 * rest, rel=1e-9)
+
+
+def test_a_page_shows_values_without_rounding_errors():
+    scene = Scene.read("device").replace({"load.netlist": "bridge", "load.resistance": None})
+    varied = [
+        scene.replace({"load.parameters": {"resistance": value, "storage": 9.999999999999999e-6}})
+        for value in (10000.0, 20000.000000000004)
+    ]
+    rows = dict(scene_rows(varied))
+    assert rows["load.parameters.resistance"] == "10 kΩ, 20 kΩ"
+    assert rows["load.parameters.storage"] == "10u"
+    assert (rows["run.seed"], rows["load.netlist"]) == ("1", "bridge")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +95,7 @@ def test_a_range_may_start_below_zero_and_a_unit_is_refused_with_the_number_to_w
     for text, written in (("100kΩ", "100k"), ("5 Hz", "5"), ("3uF", "3u")):
         with pytest.raises(SceneError, match=f"write {written}, without the unit"):
             Scene.read("device", [f"load.resistance={text}"])
-    with pytest.raises(ValueError, match="-1:1:log:5"):
+    with pytest.raises(ValueError, match="above 0: -1 is not"):
         grid_of("-1:1:log:5")
 
 

@@ -57,7 +57,10 @@ def test_a_source_that_feeds_the_output_is_no_stored_energy():
 def test_a_source_at_a_collapsed_output_is_no_converter():
     """A constant current behind a doubler: it pulls the output to -1.2 V."""
     values = {"supplied_by_b1": 1.2e-3, "output_voltage": -1.2}
-    for sign, advice in ((1.0, "since the load demands too much"), (-1.0, "a converter")):
+    for sign, advice in (
+        (1.0, "since the load demands too much"),
+        (-1.0, "0 V source in series with b1"),
+    ):
         found = {k: Estimate(sign * v, None, None, "1") for k, v in values.items()}
         (note,) = supply_notes(found, 1.0, "W")
         assert advice in note

@@ -35,7 +35,8 @@ def test_what_a_store_lacks_is_what_it_takes_later(tmp_path, pool):
     cards = "C1 out ref 8u\nR1 out ref 100meg"
     final, notes = run(tmp_path, pool, cards, 60.0)
     assert not notes
-    assert final.standard_error < 0.01 * final.estimate
+    # A tenth of what is compared.
+    assert final.standard_error < 0.02 * final.estimate
     for settle, share in ((3.0, 0.2), (10.0, 0.1), (30.0, 0.1)):
         voltage, (note,) = run(tmp_path, pool, cards, settle)
         assert voltage.standard_error is None

@@ -213,7 +213,7 @@ def test_frequencies_have_a_short_form(capsys):
     np.testing.assert_allclose(grid_of("0.1:10:log:3"), [0.1, 1, 10])
     np.testing.assert_allclose(grid_of("1:2:linear:3"), [1, 1.5, 2])
     assert grid_of("1,2.5") == [1.0, 2.5]
-    for text in ("1:2", "2:1:log:3", "1:2:lin:3", "a", "1:2:log:x"):
+    for text in ("1:2", "1:2:lin:3", "a", "1:2:log:x"):
         assert main(["frequency-response", "linear", "--frequencies", text]) == 2
         assert f"--frequencies {text}: must be written as 0.1:2:log:40" in capsys.readouterr().err
     with pytest.raises(HarvesterError, match="> 0"):
