@@ -41,7 +41,7 @@ def test_equal_counts_of_events_claim_no_certainty(pool):
     rate = differences["impact_rate"]
     assert runs[0]["impact_rate"].estimate > 0.0
     assert (rate.estimate, rate.standard_error) == (pytest.approx(0.0, abs=1e-12), None)
-    assert share_with_error(rate) == "0.00 % (no error bar)"
+    assert share_with_error(rate) == "0 % (no error bar)"
     assert "count the same events" in rate.note
     assert differences["mean_power"].standard_error > 0.0
 

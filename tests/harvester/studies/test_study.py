@@ -342,7 +342,7 @@ def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path
     first = load_study(linear, loads=["resistor"], over=sweeps, time_budget=1e-3, **options)
     assert first.out_of_time
     assert first.computed == 0
-    assert first.warnings[-1].endswith("one takes longer: try a time budget of 1 s")
+    assert re.search(r"one takes longer: try a time budget of \S+ s$", first.warnings[-1])
     last = load_study(linear, loads=["resistor"], over=sweeps, **options)
     assert not last.out_of_time
 
