@@ -58,7 +58,7 @@ class Runner:
         self.pool, self.folder, self.time_limit = pool, folder, time_limit
         self.out_of_time = False
         self._store, self._deadline = AnswerStore(folder), deadline
-        self._budget = deadline - time.monotonic()
+        self._budget = max(deadline - time.monotonic(), 0.0)
         self._longest_task = 0.0
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()
@@ -105,7 +105,7 @@ class Runner:
         if not self.computed:
             seconds = self._longest_task
             takes = f"about {number(seconds, 2)} s" if seconds else "longer"
-            needs = math.ceil(max(LONGER_BUDGET * self._budget, 2.0 * seconds))
+            needs = max(math.ceil(max(LONGER_BUDGET * self._budget, 2.0 * seconds)), 1)
             return (
                 f"no task was finished within {number(self._budget, 2)} s; one takes {takes}: "
                 f"try a time budget of {needs} s"

@@ -156,7 +156,7 @@ class NextPower(NamedTuple):
         """Values whose interval is wide if the spring has the next power, with their `halves`."""
         return {key: half for key, half in self.halves.items() if not half <= UNCERTAIN}
 
-    def sentences(self) -> list[str]:
+    def findings(self) -> list[str]:
         """The changes of the spring's values, and the values that become uncertain."""
         term, largest = f"a term of power {self.power}", max(self.moves.values(), default=0.0)
         needed = (

@@ -309,7 +309,7 @@ class FitEvidence:
             lines.append(_power(record))
         mixed = {name for names in self.dependent.values() for name in names}
         lines += [str(entry) for entry in self.assumptions if self._label(entry) in mixed]
-        lines += self.spring.sentences() if self.spring else []
+        lines += self.spring.findings() if self.spring else []
         lines += map(str, self.kept_aside)
         if claimed := [record for record in self.kept_aside if record.claimed]:
             held = sum(record.holds for record in claimed)

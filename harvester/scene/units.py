@@ -173,7 +173,7 @@ def require_resistor(scene: Any, method: str) -> None:
     if not scene.load.is_resistor:
         raise LoadError(
             f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
-            f"{scene.load.netlist!r}; use harvester simulate"
+            f"{scene.load.netlist!r}; use the method circuit"
         )
     require_mass(scene, method)
 
@@ -183,7 +183,7 @@ def require_mass(scene: Any, method: str) -> None:
     if scene.excitation.prescribes_displacement:
         raise LoadError(
             f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
-            f"{scene.excitation.kind!r}; use harvester simulate"
+            f"{scene.excitation.kind!r}; use the method circuit"
         )
 
 

@@ -211,6 +211,10 @@ class Bifurcation(ResultBase):
                 if where.size:
                     named = self._named(*where)
                     lines.append(f"{branch.direction}: {kind} at {named}: {reason}")
+        lines.append(
+            "each direction follows one motion; at the same value others may have more power: "
+            "harvester basins lists them"
+        )
         power = self.unit("power")
         lines += [
             f"{jump.direction}: jump between {self._named(jump.before, jump.after)}, "

@@ -211,7 +211,7 @@ def test_the_command_goes_on_after_its_time(tmp_path, capsys):
     command += ["--over", "load.decay_rate=0.5:10", "--over", "excitation.correlation_time=0.1:1"]
     command += ["--workers", "2", "--output", str(tmp_path)]
     assert main([*command, "--time-budget", "0.001"]) == 1
-    assert "give a longer time budget" in capsys.readouterr().err
+    assert "try a time budget of 1 s" in capsys.readouterr().err
     assert main(command) == 0
     assert "within 1% of the maximum" in capsys.readouterr().out
     content = json.loads((tmp_path / "linear-optimum.json").read_text())

@@ -182,6 +182,7 @@ def test_bifurcation_finds_the_hysteresis_of_a_hardening_spring():
     assert np.all(up.period == 1)
     jump = {each.direction: each.before for each in found.jumps}
     assert jump["up"] > jump["down"]
+    assert any("harvester basins lists them" in line for line in found.sentences())
 
 
 @pytest.mark.slow
