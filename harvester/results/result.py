@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 # step error.
 LARGER_ERROR = 1.5
 # Explanation of an error of 0.
-CONSTANT = "constant in the run: the load or the scene determines the value"
+CONSTANT = "constant in the run: the load, the scene or its start determines the value"
 ERROR_KINDS = ("statistical", "numerical")
 
 
