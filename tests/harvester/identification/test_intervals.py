@@ -2,12 +2,14 @@
 
 from itertools import pairwise
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
+from harvester.identification import intervals
 from harvester.identification.intervals import HALF_INTERVAL, covariance, normal_equations
 from harvester.identification.response import Experiment
 from harvester.identification.sensors import without_states
@@ -22,7 +24,8 @@ def fitted(effects, starts, residuals, edges=EDGES, base=None, solve=covariance)
     Shapes (samples, outputs, unknowns), (samples, outputs, 3) and (samples, outputs).
     """
     table = np.concatenate([effects, starts, residuals[..., None]], axis=2)
-    base = np.zeros(len(residuals)) if base is None else base
+    with_base = base is not None
+    base = base if with_base else np.zeros(len(residuals))
     shown = SimpleNamespace(acceleration=base, sampling_rate=1.0)
     shooting = SimpleNamespace(
         unknowns=[None] * effects.shape[2],
@@ -36,7 +39,12 @@ def fitted(effects, starts, residuals, edges=EDGES, base=None, solve=covariance)
     fit = SimpleNamespace(
         edges=[edges], values=None, starts=[None], noise=[np.ones(residuals.shape[1])]
     )
-    return solve(shooting, fit)
+    if with_base:
+        return solve(shooting, fit)
+    # Without the noise of a base the residuals' own spectrum has to give the covariance.
+    nothing = np.zeros((effects.shape[2], effects.shape[2]))
+    with mock.patch.object(intervals, "_covariance_of_scores", return_value=nothing):
+        return solve(shooting, fit)
 
 
 def test_an_interval_holds_95_percent_of_a_normal():
